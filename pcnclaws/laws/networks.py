@@ -1,0 +1,78 @@
+"""The multilayer perceptron of the neural laws, component-first, and what it is conditioned on."""
+
+import math
+from collections.abc import Mapping
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn import functional
+
+from pcnclaws.laws.parameters import lame_constants
+from pcnclaws.tensor_types import Parameters
+
+
+class ConditionalMLP(nn.Module):
+    """Three linear layers with GELU between them, (inputs, particles) -> (outputs, particles).
+
+    The last layer starts at zero, so that an untrained law is exactly the structure around the network.
+    """
+
+    def __init__(self, inputs: int, outputs: int, width: int, zero_start: bool = True) -> None:
+        super().__init__()
+        sizes = (inputs, width, width, outputs)
+        self.weights = nn.ParameterList(torch.empty(b, a) for a, b in zip(sizes[:-1], sizes[1:], strict=True))
+        self.biases = nn.ParameterList(torch.zeros(b, 1) for b in sizes[1:])
+        for weight in self.weights:
+            nn.init.xavier_uniform_(weight)
+        if zero_start:
+            nn.init.zeros_(self.weights[-1])
+
+    def forward(self, x: Float[Tensor, "inputs particles"]) -> Float[Tensor, "outputs particles"]:
+        *hidden, (last_weight, last_bias) = zip(self.weights, self.biases, strict=True)
+        for weight, bias in hidden:
+            x = functional.gelu(torch.addmm(bias, weight, x))
+        return torch.addmm(last_bias, last_weight, x)
+
+
+class DimensionlessParameters(nn.Module):
+    """The physical parameters as inputs of a network: dimensionless and of order one.
+
+    A law divided by its moduli can depend on them only through dimensionless numbers: Poisson's ratio, the
+    friction angle and the yield strain tau_Y/(2 mu), which enters as a logarithm. Young's modulus alone does not
+    enter, so that a law holds for every stiffness. Standardised by the ranges of the material.
+    """
+
+    centre: Tensor
+    half_width: Tensor
+
+    def __init__(self, ranges: Mapping[str, tuple[float, float]], names: tuple[str, ...]) -> None:
+        super().__init__()
+        self.names = tuple(name for name in names if name != "youngs_modulus")
+        bounds = [_yield_strain_range(ranges) if name == "yield_stress" else ranges[name] for name in self.names]
+        limits = torch.tensor(bounds, dtype=torch.float32)
+        self.register_buffer("centre", limits.mean(1, keepdim=True), persistent=False)
+        self.register_buffer("half_width", (limits[:, 1:] - limits[:, :1]) / 2.0, persistent=False)
+
+    @property
+    def count(self) -> int:
+        return len(self.names)
+
+    def forward(self, parameters: Parameters) -> Float[Tensor, "inputs particles"]:
+        rows = [
+            torch.log(yield_strain(parameters)) if name == "yield_stress" else parameters[name] for name in self.names
+        ]
+        return (torch.stack(rows) - self.centre) / self.half_width
+
+
+def yield_strain(parameters: Parameters) -> Float[Tensor, " particles"]:
+    """Shear strain |dev h| at which the yield stress is reached, tau_Y/(2 mu) [-]; at least 1e-6."""
+    _, mu = lame_constants(parameters)
+    return (parameters["yield_stress"] / (2.0 * mu)).clamp_min(1e-6)
+
+
+def _yield_strain_range(ranges: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+    """Logarithms of the smallest and the largest yield strain in the ranges of a material."""
+    (e_low, e_high), (nu_low, nu_high) = ranges["youngs_modulus"], ranges["poissons_ratio"]
+    low, high = ranges["yield_stress"]
+    return math.log(low * (1.0 + nu_low) / e_high), math.log(high * (1.0 + nu_high) / e_low)

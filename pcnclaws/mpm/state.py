@@ -1,0 +1,48 @@
+"""What moves (ParticleState) and what stays the same while it moves (Scenes)."""
+
+from typing import NamedTuple
+
+import torch
+
+from pcnclaws.tensor_types import Matrices, Scalars, SceneIndex, SceneVectors, Vectors
+
+
+class ParticleState(NamedTuple):
+    """State of all particles of all scenes of a batch, concatenated.
+
+    position     [m], (3, particles)
+    velocity     [m/s], (3, particles)
+    affine       APIC velocity gradient C [1/s], (3, 3, particles), C[i, j] = d velocity_i / d position_j
+    deformation  elastic deformation gradient F [-], (3, 3, particles)
+    """
+
+    position: Vectors
+    velocity: Vectors
+    affine: Matrices
+    deformation: Matrices
+
+    @classmethod
+    def at_rest_shape(cls, position: Vectors, velocity: Vectors) -> "ParticleState":
+        """The undeformed start of a scene: F = I and C = 0, spin living only in the velocities."""
+        identity = torch.eye(3, dtype=position.dtype, device=position.device)
+        affine = position.new_zeros(3, 3, position.shape[1])
+        return cls(position, velocity, affine, identity[:, :, None].expand_as(affine).clone())
+
+
+class Scenes(NamedTuple):
+    """The constants of a flat ragged batch of scenes.
+
+    scene_index  the scene that each particle belongs to, (particles,)
+    mass         [kg], (particles,)
+    volume       initial volume [m^3], (particles,)
+    gravity      [m/s^2], (3, scenes)
+    """
+
+    scene_index: SceneIndex
+    mass: Scalars
+    volume: Scalars
+    gravity: SceneVectors
+
+    @property
+    def count(self) -> int:
+        return self.gravity.shape[1]
