@@ -22,6 +22,7 @@ def matmul(a: Matrices, b: Matrices) -> Matrices:
 
 
 def transpose(a: Matrices) -> Matrices:
+    """A^T."""
     return a.transpose(0, 1)
 
 
@@ -31,6 +32,7 @@ def identity_like(a: Matrices) -> Float[Tensor, "3 3 1"]:
 
 
 def trace(a: Matrices) -> Scalars:
+    """tr A."""
     return a.diagonal(dim1=0, dim2=1).sum(-1)
 
 
@@ -42,6 +44,7 @@ def cofactors(a: Matrices) -> Matrices:
 
 
 def determinant(a: Matrices) -> Scalars:
+    """det A."""
     (a00, a01, a02), (a10, a11, a12), (a20, a21, a22) = (row.unbind(0) for row in a.unbind(0))
     return a00 * (a11 * a22 - a12 * a21) + a01 * (a12 * a20 - a10 * a22) + a02 * (a10 * a21 - a11 * a20)
 

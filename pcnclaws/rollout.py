@@ -9,13 +9,13 @@ from typing import NamedTuple
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
-from torch.utils.checkpoint import checkpoint
 
 from pcnclaws.errors import SimulationDiverged
 from pcnclaws.mpm.diagnostics import failing_particles, why_failing
 from pcnclaws.mpm.state import ParticleState, Scenes
-
-Step = Callable[[ParticleState], ParticleState]
+from pcnclaws.recompute import recomputed_step
+from pcnclaws.simulator import Simulator, Step
+from pcnclaws.tensor_types import Parameters
 
 
 class Trajectory(NamedTuple):
@@ -80,27 +80,29 @@ def simulate(
 
 
 def differentiable_rollout(
-    step: Step, state: ParticleState, steps: int, every: int = 1, recompute: bool = True
+    simulator: Simulator,
+    state: ParticleState,
+    scenes: Scenes,
+    parameters: Parameters,
+    steps: int,
+    every: int = 1,
+    recompute: bool = True,
 ) -> Float[Tensor, "frames 3 particles"]:
-    """Positions [m] after every `every`-th step (the start not included), with gradients.
+    """Positions [m] after every `every`-th step (the start not included), with gradients of everything.
 
-    recompute  keep only the state of each step and compute the step again in the backward pass: memory grows
-               with the state (96 bytes a particle and step in float32) instead of with the graph (some 4 kB);
-               costs one more forward pass. Reverse mode only: use False under forward-mode differentiation.
+    recompute  keep only the state of each step (96 bytes a particle in float32) and compute the step again in the
+               backward pass, so that memory grows with the state instead of with the graph; costs one more
+               forward pass. First derivatives in reverse mode only: use False under forward-mode differentiation.
     """
     positions = []
     for n in range(1, steps + 1):
         if recompute and torch.is_grad_enabled():
-            state = checkpoint(_step_of_tensors, step, *state, use_reentrant=False, preserve_rng_state=False)
+            state = recomputed_step(simulator, state, scenes, parameters)
         else:
-            state = step(state)
+            state = simulator(state, scenes, parameters)
         if n % every == 0:
             positions.append(state.position)
     return torch.stack(positions)
-
-
-def _step_of_tensors(step: Step, *state: Tensor) -> ParticleState:
-    return step(ParticleState(*state))
 
 
 def _divergence(

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from itertools import pairwise
 
 import torch
 from jaxtyping import Float
@@ -21,7 +22,7 @@ class ConditionalMLP(nn.Module):
     def __init__(self, inputs: int, outputs: int, width: int, zero_start: bool = True) -> None:
         super().__init__()
         sizes = (inputs, width, width, outputs)
-        self.weights = nn.ParameterList(torch.empty(b, a) for a, b in zip(sizes[:-1], sizes[1:], strict=True))
+        self.weights = nn.ParameterList(torch.empty(b, a) for a, b in pairwise(sizes))
         self.biases = nn.ParameterList(torch.zeros(b, 1) for b in sizes[1:])
         for weight in self.weights:
             nn.init.xavier_uniform_(weight)

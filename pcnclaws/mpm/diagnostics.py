@@ -60,4 +60,4 @@ def fall_speed(start_speed: float, height: float, gravity: float) -> float:
 
 
 def _sum_by_scene(values: Tensor, scenes: Scenes) -> Tensor:
-    return values.new_zeros(values.shape[0], scenes.count).index_add(1, scenes.scene_index, values)
+    return values.new_zeros(values.shape[0], scenes.scene_count).index_add(1, scenes.scene_index, values)

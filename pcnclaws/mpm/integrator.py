@@ -41,11 +41,11 @@ class MPMIntegrator(nn.Module):
         # particles to grid: the stress acts on the initial volume and joins the affine momentum
         affine_momentum = scenes.mass * state.affine - (dt * 4.0 / dx**2) * scenes.volume * stress
         nodes = particles_to_grid(
-            stencil, scenes.mass, scenes.mass * state.velocity, affine_momentum, dx, scenes.count * self.grid.size
+            stencil, scenes.mass, scenes.mass * state.velocity, affine_momentum, dx, scenes.scene_count * self.grid.size
         )
 
         # on the grid: gravity and walls
-        velocity = self._velocity(nodes).unflatten(1, (scenes.count, self.grid.size))
+        velocity = self._velocity(nodes).unflatten(1, (scenes.scene_count, self.grid.size))
         velocity = apply_walls(velocity + dt * scenes.gravity[:, :, None], self.walls, self.settings.boundary)
 
         # grid to particles: move with the grid, deform with its gradient

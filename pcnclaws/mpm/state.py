@@ -44,5 +44,6 @@ class Scenes(NamedTuple):
     gravity: SceneVectors
 
     @property
-    def count(self) -> int:
+    def scene_count(self) -> int:
+        """Number of scenes of the batch."""
         return self.gravity.shape[1]

@@ -1,0 +1,48 @@
+# `make` lists the targets. Each of them does its own set-up, once.
+.DEFAULT_GOAL := help
+.PHONY: help install demo test test-all lint clean
+.DELETE_ON_ERROR:
+
+PYTHON ?= python3
+VENV := .venv
+INSTALLED := $(VENV)/.installed
+INSTALLING := $(VENV)/.installing
+RUN := $(VENV)/bin/python -m
+# Two test processes with one thread each are faster than one with two.
+PYTEST := OMP_NUM_THREADS=1 $(RUN) pytest -n 2
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+install: $(INSTALLED) ## make .venv and install the pinned packages and pcnclaws into it
+
+demo: $(INSTALLED) ## make data, train the law of sand, test it on unseen parameters, draw pictures
+	$(RUN) pcnclaws.train experiment=sand_multi
+
+test: $(INSTALLED) ## run the tests that take seconds
+	$(PYTEST) -m "not slow"
+
+test-all: $(INSTALLED) ## run all tests
+	$(PYTEST)
+
+lint: $(INSTALLED) ## check style, types and the direction of imports
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/pyright
+	$(VENV)/bin/lint-imports
+
+clean: ## remove caches and built packages; keeps .venv and outputs
+	rm -rf build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	find pcnclaws tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# A set-up that was interrupted leaves INSTALLING behind, and the next one starts afresh. Modules are compiled when they
+# are first used, which is a minute less than compiling all of them.
+$(INSTALLED): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+		|| { echo "$(PYTHON) is older than Python 3.11; choose another with make PYTHON=..."; exit 1; }
+	@if [ -e $(INSTALLING) ] || ! $(RUN) pip --version > /dev/null 2>&1; then \
+		rm -rf $(VENV) && $(PYTHON) -m venv $(VENV); fi
+	@touch $(INSTALLING)
+	$(RUN) pip install --quiet --no-compile --requirement requirements.lock
+	$(RUN) pip install --quiet --no-deps --no-build-isolation --editable .
+	@rm $(INSTALLING) && touch $(INSTALLED)

@@ -1,0 +1,131 @@
+"""The configuration tree: where it is, how it is composed, and Hydra's errors in one line each.
+
+An entry point's options are exactly the keys of its default composition with the chosen groups: a key that this
+composition does not know is refused however it was added.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from functools import cache
+from hashlib import sha256
+from itertools import product
+from pathlib import Path
+from typing import Any, cast
+
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException, MissingConfigException, OverrideParseException
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.options import check_options, leaves, unknown_option
+
+CONFIG_ERRORS = (HydraException, OmegaConfBaseException)
+HYDRA_VERSION_BASE = "1.3"
+LONGEST_FOLDER_NAME = 100
+GROUP_CHOICE = re.compile(r"(?P<group>[\w/]+)=(?P<choice>[\w.-]+)")
+
+
+def conf_folder() -> Path:
+    """The absolute path of the configuration tree: inside the package of a wheel, beside it in a checkout."""
+    package = Path(__file__).resolve().parent
+    packaged = package / "conf"
+    return packaged if packaged.is_dir() else package.parent / "conf"
+
+
+def compose_config(entry: str, overrides: Sequence[str] = ()) -> DictConfig:
+    """The checked and resolved configuration of an entry point (`train`, ...), as its command would see it.
+
+    raises  UserError for whatever the command would refuse
+    """
+    register_resolvers()
+    try:
+        return checked(entry, _compose(entry, overrides), overrides)
+    except CONFIG_ERRORS as error:
+        raise explain(entry, overrides, error) from error
+
+
+def checked(entry: str, config: DictConfig, overrides: Sequence[str]) -> DictConfig:
+    """The configuration, resolved, after a look at every option; UserError for the first wrong one."""
+    resolved = _resolved(config)
+    check_options(dict(leaves(resolved)), _defaults(entry, overrides))
+    OmegaConf.set_struct(resolved, True)
+    return resolved
+
+
+def explain(entry: str, overrides: Sequence[str], error: Exception) -> UserError:
+    """One line of ours for an error of Hydra or OmegaConf."""
+    if isinstance(error, MissingConfigException) and error.options is not None:
+        group, _, name = str(error.missing_cfg_file).rpartition("/")
+        return unknown_name(group, name, error.options)
+    if isinstance(error, OverrideParseException):
+        return UserError(
+            f"'{error.override}' cannot be read; accepted: option=value, a value with special characters in quotes"
+        )
+    if match := re.search(r"Could not override '([^'@]+)'", str(error)):
+        return unknown_option(match[1], _defaults_without(match[1], entry, overrides))
+    where = error.full_key if isinstance(error, OmegaConfBaseException) and error.full_key else " ".join(overrides)
+    text = str(error).partition("full_key")[0]
+    return UserError(f"{where}: {'; '.join(line.strip() for line in text.splitlines() if line.strip())}")
+
+
+def register_resolvers() -> None:
+    """`${job_folder:}`: empty for a single run; a folder of its own, with a leading slash, for a job of a sweep."""
+    OmegaConf.register_new_resolver("job_folder", _job_folder, replace=True)
+
+
+def task_overrides() -> list[str]:
+    """The overrides of the running job, as they were written: their interpolations belong to another configuration."""
+    return cast(list[str], OmegaConf.to_container(HydraConfig.get().overrides.task, resolve=False))
+
+
+def _job_folder() -> str:
+    if not HydraConfig.initialized() or HydraConfig.get().mode != RunMode.MULTIRUN:
+        return ""
+    # the same overrides give the same folder, so that a sweep that was stopped goes on where it was
+    overrides = [override for override in task_overrides() if not override.startswith("experiment=")]
+    name = re.sub(r"[^A-Za-z0-9.-]+", "_", "_".join(sorted(overrides)).replace("=", "-")).lstrip(".")
+    if len(name) > LONGEST_FOLDER_NAME:
+        name = f"{name[: LONGEST_FOLDER_NAME - 17]}-{sha256(name.encode()).hexdigest()[:16]}"
+    return f"/{name or 'job'}"
+
+
+def _compose(entry: str, overrides: Sequence[str]) -> DictConfig:
+    if GlobalHydra.instance().is_initialized():
+        return compose(entry, list(overrides))
+    with initialize_config_dir(version_base=HYDRA_VERSION_BASE, config_dir=str(conf_folder())):
+        return compose(entry, list(overrides))
+
+
+def _defaults(entry: str, overrides: Sequence[str]) -> Mapping[str, Any]:
+    """The options of the composition with the existing groups that the overrides choose, and no other override."""
+    chosen = []
+    for override in overrides:
+        match = GROUP_CHOICE.fullmatch(override)
+        if match and (conf_folder() / match["group"] / f"{match['choice']}.yaml").is_file():
+            chosen.append(override)
+    try:
+        return _options(entry, tuple(chosen))
+    except CONFIG_ERRORS:  # a group that this entry point does not have
+        return _options(entry, ())
+
+
+@cache
+def _options(entry: str, groups: tuple[str, ...]) -> Mapping[str, Any]:
+    return dict(leaves(_resolved(_compose(entry, groups))))
+
+
+def _defaults_without(option: str, entry: str, overrides: Sequence[str]) -> Mapping[str, Any]:
+    """The options of the first job of a sweep that does not have this one."""
+    sweeps = [override.partition("=") for override in overrides]
+    choices = [[f"{name}={value}" for value in values.split(",")] for name, _, values in sweeps]
+    jobs = [_defaults(entry, job) for job in product(*choices)]
+    return next((options for options in jobs if option not in options), jobs[0])
+
+
+def _resolved(config: DictConfig) -> DictConfig:
+    values = cast(dict[str, Any], OmegaConf.to_container(config, resolve=True, throw_on_missing=True))
+    return OmegaConf.create(values)

@@ -1,0 +1,128 @@
+"""From the composed configuration to objects, each option checked where its object is made."""
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+
+from pcnclaws.data.placement import require_inside
+from pcnclaws.data.scenes import SceneStart
+from pcnclaws.data.shapes import PointCloud, particles, read_point_file, spin_velocity
+from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.laws.materials import Material, material_named
+from pcnclaws.laws.parameters import validate_parameters
+from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.time_step import automatic_time_step, largest_speed
+
+DEVICES = ("cpu", "cuda", "auto")
+PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
+
+
+def material_from(config: DictConfig) -> Material:
+    """The material of `material=`."""
+    return material_named(str(config.material.name))
+
+
+def parameters_from(config: DictConfig, material: Material) -> dict[str, float]:
+    """The physical parameters of `parameters.*`, checked."""
+    values = {str(name): float(value) for name, value in config.parameters.items()}
+    validate_parameters(values, material.parameter_names)
+    return values
+
+
+def settings_from(config: DictConfig, automatic: float | None = None) -> SimulationSettings:
+    """The settings of `simulation.*`.
+
+    automatic  the time step [s] that simulation.time_step=auto stands for, None where it is not accepted
+    """
+    simulation = config.simulation
+    time_step = automatic if simulation.time_step == "auto" else simulation.time_step
+    if time_step is None:
+        raise UserError("simulation.time_step=auto is not accepted here; accepted: a positive finite number [s]")
+    gravity = [float(component) for component in simulation.gravity]
+    return SimulationSettings(
+        time_step=float(time_step),
+        grid_nodes=simulation.grid_nodes,
+        wall_distance=float(simulation.wall_distance),
+        gravity=(gravity[0], gravity[1], gravity[2]),
+        boundary=simulation.boundary,
+        density=float(simulation.density),
+    )
+
+
+def start_from(config: DictConfig) -> SceneStart:
+    """The scene of `scene.*`, of the material, its parameters and the settings of `simulation.*`.
+
+    The CFL number of simulation.time_step=auto takes the start speed and the fall into account.
+    """
+    material = material_from(config)
+    parameters = parameters_from(config, material)
+    settings = settings_from(config, automatic=SimulationSettings.time_step)
+    body = body_from(config)
+    require_inside(body.position, settings, _where(config))
+    if config.simulation.time_step == "auto":
+        speed = largest_speed(body.position, body.velocity, settings.gravity, settings.wall_distance)
+        settings = settings_from(config, automatic_time_step(settings, parameters, speed))
+    name = config.scene.name or (Path(config.scene.particles).stem if config.scene.particles else config.scene.shape)
+    return SceneStart(str(name), material.name, settings, parameters, *body)
+
+
+def whole_number(config: DictConfig, option: str, least: int = 1) -> int:
+    """The value of an option such as simulation.steps, a whole number of at least `least`."""
+    value: Any = OmegaConf.select(config, option)
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise UserError(f"{option}={value} is not accepted; accepted: a whole number from {least}")
+    return value
+
+
+def device_from(config: DictConfig) -> torch.device:
+    """The device of `device=`; `auto` is the GPU where there is one."""
+    if config.device not in DEVICES:
+        raise unknown_name("device", config.device, DEVICES)
+    if config.device == "cuda" and not torch.cuda.is_available():
+        raise UserError("device=cuda is not available here; accepted: cpu, auto")
+    return torch.device("cuda" if config.device != "cpu" and torch.cuda.is_available() else "cpu")
+
+
+def precision_from(config: DictConfig) -> torch.dtype:
+    """The floating-point type of `precision=`."""
+    if config.precision not in PRECISIONS:
+        raise unknown_name("precision", config.precision, PRECISIONS)
+    return PRECISIONS[config.precision]
+
+
+def use_threads(config: DictConfig) -> None:
+    """Sets the number of CPU threads of `threads=`; null leaves PyTorch's own choice."""
+    if config.threads is not None:
+        torch.set_num_threads(whole_number(config, "threads"))
+
+
+def output_file(config: DictConfig) -> Path:
+    """The path of `output=`, looked at before the work begins: a file may be written there."""
+    path = Path(config.output)
+    if path.is_dir():
+        raise UserError(f"output={path} is a folder; accepted: the path of a file")
+    existing = next(parent for parent in path.absolute().parents if parent.exists())
+    if not existing.is_dir():
+        raise UserError(f"output={path} cannot be written: {existing} is not a folder; accepted: the path of a file")
+    return path
+
+
+def body_from(config: DictConfig) -> PointCloud:
+    """The particles of the scene with their velocities; those of a file keep the file's under the added ones."""
+    scene = config.scene
+    if scene.particles is None:
+        body = particles(scene.shape, list(scene.centre), scene.side, scene.particles_per_edge)
+        centre = list(scene.centre)
+    else:
+        body, centre = read_point_file(str(scene.particles), scene.name), None
+    velocity = spin_velocity(body.position, body.velocity + list(scene.velocity), list(scene.spin), centre)
+    return body._replace(velocity=velocity)
+
+
+def _where(config: DictConfig) -> str:
+    scene = config.scene
+    if scene.particles is not None:
+        return f"scene.particles={scene.particles}"
+    return f"scene.shape={scene.shape} scene.centre={list(scene.centre)} scene.side={scene.side}"

@@ -1,0 +1,88 @@
+"""Training segments and validation scenes as a Lightning data module."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import torch
+from lightning.pytorch import LightningDataModule
+from torch.utils.data import DataLoader, Dataset, Sampler
+
+from pcnclaws.data.dataset import SegmentBatch, SegmentDataset, SegmentPlan
+from pcnclaws.data.records import SceneRecord
+from pcnclaws.errors import UserError
+
+
+class EpochSampler(Sampler[int]):
+    """Iterations of one epoch: e n, e n + 1, ..., e n + n - 1. Lightning tells it the epoch, also after a restart."""
+
+    def __init__(self, length: int) -> None:
+        self.length, self.epoch = length, 0
+
+    def __len__(self) -> int:
+        return self.length
+
+    def __iter__(self) -> Iterator[int]:
+        yield from range(self.epoch * self.length, (self.epoch + 1) * self.length)
+
+    def set_epoch(self, epoch: int) -> None:
+        self.epoch = epoch
+
+
+class TrajectoryDataModule(LightningDataModule):
+    """Batches of segments for training; whole recorded scenes for the checks between.
+
+    An epoch is the `check_every` iterations from one check to the next.
+    """
+
+    def __init__(
+        self,
+        training: Sequence[SceneRecord],
+        validation: Sequence[SceneRecord],
+        plan: SegmentPlan,
+        check_every: int,
+        dtype: torch.dtype = torch.float32,
+    ) -> None:
+        super().__init__()
+        if check_every < 1 or plan.iterations % check_every:
+            raise UserError(
+                f"training.check_every={check_every} is not accepted; "
+                f"accepted: a divisor of training.iterations={plan.iterations}"
+            )
+        self.dataset = SegmentDataset(training, plan, dtype)
+        self.validation = list(validation)
+        self.check_every = check_every
+
+    @property
+    def epochs(self) -> int:
+        """Number of checks of a run."""
+        return self.dataset.plan.iterations // self.check_every
+
+    def train_dataloader(self) -> DataLoader[SegmentBatch]:
+        return DataLoader(self.dataset, batch_size=None, sampler=EpochSampler(self.check_every))
+
+    def val_dataloader(self) -> DataLoader[list[SceneRecord]]:
+        """One batch: the list of all validation scenes."""
+        return DataLoader(_WholeScenes(self.validation), batch_size=None, collate_fn=_unchanged)
+
+    def transfer_batch_to_device(self, batch: Any, device: torch.device, dataloader_idx: int) -> Any:
+        """Segments move to the device; records stay the files' arrays."""
+        if isinstance(batch, SegmentBatch):
+            return super().transfer_batch_to_device(batch, device, dataloader_idx)
+        return batch
+
+
+class _WholeScenes(Dataset[list[SceneRecord]]):
+    """All scenes as its only item."""
+
+    def __init__(self, records: list[SceneRecord]) -> None:
+        self.records = records
+
+    def __len__(self) -> int:
+        return 1
+
+    def __getitem__(self, index: int) -> list[SceneRecord]:
+        return self.records
+
+
+def _unchanged(batch: list[SceneRecord]) -> list[SceneRecord]:
+    return batch

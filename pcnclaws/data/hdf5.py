@@ -1,0 +1,236 @@
+"""The trajectory file: the only HDF5 reader and writer. docs/conventions.md shows the file as a tree.
+
+The reader runs no code from a file and follows no link out of it; whatever is wrong with a file is a UserError of
+one line that names the file, the scene and the fault. The writer replaces a file whole or not at all.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from pcnclaws.data.atomic import replaced_file
+from pcnclaws.data.guarded_hdf5 import GuardedGroup, check_heaps, one_line_faults
+from pcnclaws.data.records import Keyframes, SceneRecord
+from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.laws.parameters import PARAMETERS, validate_parameters
+from pcnclaws.mpm.settings import SimulationSettings
+
+__all__ = ["Keyframes", "SceneRecord", "read_scenes", "scene_names", "write_scenes"]
+
+FORMAT = "pcnclaws.trajectories"
+VERSION = 1
+# Bytes of a compressed chunk: small enough to read a few frames, large enough to compress.
+CHUNK_BYTES = 2**19
+LONGEST_TIME = 1e9
+
+
+def write_scenes(path: str | Path, records: Sequence[SceneRecord]) -> None:
+    """Writes a trajectory file, complete or not at all; folders above it are made.
+
+    raises  UserError when the path cannot be written, ValueError when two scenes have the same name
+    """
+    names = [record.name for record in records]
+    if len(set(names)) != len(names) or not names:
+        raise ValueError(f"a trajectory file needs one or more scenes with different names, not {names}")
+    with replaced_file(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["version"] = VERSION
+        scenes = file.create_group("scenes")
+        for record in records:
+            _write_scene(scenes.create_group(_checked_name(record.name)), record)
+
+
+def read_scenes(path: str | Path, names: Sequence[str] | None = None, with_keyframes: bool = True) -> list[SceneRecord]:
+    """The scenes of a trajectory file, sorted by name, or those of the given names in their order.
+
+    raises  UserError, one line, for whatever is wrong with the file
+    """
+    with one_line_faults(str(path)), _opened(path) as file:
+        scenes = _scenes_of(file, str(path))
+        known = scenes.names()
+        for name in names or ():
+            if name not in known:
+                raise unknown_name("scene", name, known)
+        return [_read_scene(scenes, name, str(path), with_keyframes) for name in names or known]
+
+
+def scene_names(path: str | Path) -> list[str]:
+    """Names of the scenes of a trajectory file, sorted."""
+    with one_line_faults(str(path)), _opened(path) as file:
+        return _scenes_of(file, str(path)).names()
+
+
+def _opened(path: str | Path) -> h5py.File:
+    path = Path(path)
+    if not path.exists():
+        raise UserError(f"{path}: no such file")
+    if not path.is_file():
+        raise UserError(f"{path}: not a file; accepted: a trajectory file (HDF5)")
+    if path.stat().st_size == 0:
+        raise UserError(f"{path}: the file is empty; accepted: a trajectory file (HDF5)")
+    if not h5py.is_hdf5(path):
+        raise UserError(f"{path}: not an HDF5 file, or damaged; accepted: a trajectory file (HDF5)")
+    check_heaps(path)
+    return h5py.File(path, "r")
+
+
+def _scenes_of(file: h5py.File, path: str) -> GuardedGroup:
+    root = GuardedGroup(file, path)
+    found = root.text("format") if root.has_attribute("format") else ""
+    if found != FORMAT:
+        raise root.fault(f"not a trajectory file (@format='{found}'); accepted: @format='{FORMAT}'")
+    if (version := root.whole_number("version")) != VERSION:
+        raise root.fault(f"@version={version} is not known; accepted: {VERSION}")
+    scenes = root.group("scenes")
+    if not scenes.names():
+        raise root.fault("holds no scene")
+    return scenes
+
+
+def _read_scene(scenes: GuardedGroup, name: str, path: str, with_keyframes: bool) -> SceneRecord:
+    where = f"{path}: scene '{name}'" if name.isprintable() else f"{path}: scene {name!a}"
+    with one_line_faults(where):
+        group = scenes.group(name, where)
+        _checked_name(name)
+        settings, parameters = _settings(group), _parameters(group)
+        time = group.array("time", (None,)).astype(np.float64)
+        position = _single(group, "position", (len(time), None, 3))
+        particles = position.shape[1]
+        volume = _single(group, "volume", (particles,))
+        start = _single(group, "initial_velocity", (particles, 3)) if "initial_velocity" in group else None
+        velocity = _single(group, "velocity", position.shape) if "velocity" in group else None
+        _check_values(group, time, position, volume, start, velocity)
+        record = SceneRecord(
+            name, group.text("material"), settings, parameters, time, position, volume, start, velocity, None, path
+        )
+        keyframes = _keyframes(group, record) if with_keyframes and "keyframes" in group else None
+        return SceneRecord(**{**vars(record), "keyframes": keyframes})
+
+
+def _settings(group: GuardedGroup) -> SimulationSettings:
+    settings = SimulationSettings(
+        group.number("time_step"),
+        group.whole_number("grid_nodes"),
+        group.number("wall_distance"),
+        group.vector("gravity"),
+        group.text("boundary"),
+        group.number("density"),
+    )
+    if group.has_attribute("grid_spacing"):
+        spacing = group.number("grid_spacing")
+        if abs(spacing * settings.grid_nodes - 1.0) > 1e-4:
+            raise group.fault(
+                f"@grid_spacing={spacing:g} does not fit @grid_nodes={settings.grid_nodes}; "
+                f"accepted: {settings.grid_spacing:g}"
+            )
+    return settings
+
+
+def _parameters(group: GuardedGroup) -> dict[str, float]:
+    parameters = {name: group.number(name) for name in PARAMETERS if group.has_attribute(name)}
+    validate_parameters(parameters, list(parameters))
+    return parameters
+
+
+def _single(group: GuardedGroup, name: str, shape: Sequence[int | None]) -> np.ndarray:
+    """A dataset in single precision; a number too large for it becomes infinite and is refused by the checks."""
+    with np.errstate(over="ignore", under="ignore"):
+        return group.array(name, shape).astype(np.float32)
+
+
+def _check_values(
+    group: GuardedGroup,
+    time: np.ndarray,
+    position: np.ndarray,
+    volume: np.ndarray,
+    start: np.ndarray | None,
+    velocity: np.ndarray | None,
+) -> None:
+    if not np.all(np.abs(time) < LONGEST_TIME) or np.any(np.diff(time) <= 0.0):
+        raise group.fault(f"'time' is not increasing, or not below {LONGEST_TIME:g} s")
+    for name, values in (
+        ("position", position[0]),
+        ("volume", volume),
+        ("initial_velocity", start),
+        ("velocity", velocity),
+    ):
+        if values is not None and not np.isfinite(values).all():
+            first = " in the first frame" if name == "position" else ""
+            raise group.fault(f"'{name}' holds numbers that are not finite{first}")
+    unknown = np.isnan(position)
+    if np.isinf(position).any() or np.any(unknown.any(2) != unknown.all(2)):
+        raise group.fault(
+            "'position' holds numbers that are not finite; accepted: NaN in all three coordinates of a "
+            "particle that was not observed"
+        )
+    if np.any(volume <= 0.0):
+        raise group.fault("'volume' is not positive everywhere")
+
+
+def _keyframes(scene: GuardedGroup, record: SceneRecord) -> Keyframes | None:
+    """The keyframes whose state is complete: a keyframe without recorded positions or velocities starts nothing."""
+    group = scene.group("keyframes")
+    step = group.array("step", (None,), "iu").astype(np.int64)
+    particles = record.position.shape[1]
+    affine, deformation = (_single(group, name, (len(step), particles, 3, 3)) for name in ("affine", "deformation"))
+    if step[0] < 0 or np.any(np.diff(step) < 1):
+        raise scene.fault("'keyframes/step' is not increasing from 0")
+    if not np.isfinite(affine).all() or not np.isfinite(deformation).all():
+        raise scene.fault("'keyframes' hold numbers that are not finite")
+    if np.any(np.linalg.det(deformation.astype(np.float64)) <= 0.0):
+        raise scene.fault("'keyframes/deformation' is not a deformation gradient everywhere (det F <= 0)")
+    position, velocity = (_at_keyframes(group, name, step, record) for name in ("position", "velocity"))
+    complete = np.isfinite(position).all((1, 2)) & np.isfinite(velocity).all((1, 2))
+    arrays = (step, position, velocity, affine, deformation)
+    return Keyframes(*(array[complete] for array in arrays)) if complete.any() else None
+
+
+def _at_keyframes(group: GuardedGroup, name: str, step: np.ndarray, record: SceneRecord) -> np.ndarray:
+    """Position or velocity at the keyframes, from the group itself or from the frames; NaN where there is none."""
+    shape = (len(step), record.position.shape[1], 3)
+    if name in group:
+        return _single(group, name, shape)
+    values = np.full(shape, np.nan, np.float32)
+    if name == "velocity" and record.initial_velocity is not None:
+        values[step == 0] = record.initial_velocity
+    frames = record.position if name == "position" else record.velocity
+    if frames is not None:
+        _, of_keyframes, of_frames = np.intersect1d(step, record.frame_steps(), return_indices=True)
+        values[of_keyframes] = frames[of_frames]
+    return values
+
+
+def _checked_name(name: str) -> str:
+    if not name.isprintable() or not 0 < len(name) <= 100 or "/" in name or name in (".", ".."):
+        raise UserError(f"the scene name {name!a} is not accepted; accepted: up to 100 printable characters without /")
+    return name
+
+
+def _write_scene(group: h5py.Group, record: SceneRecord) -> None:
+    settings = record.settings
+    group.attrs["material"] = record.material
+    for name in ("time_step", "grid_nodes", "grid_spacing", "wall_distance", "boundary", "density"):
+        group.attrs[name] = getattr(settings, name)
+    group.attrs["gravity"] = np.array(settings.gravity)
+    for name, value in record.parameters.items():
+        group.attrs[name] = float(value)
+    _write_array(group, "time", record.time.astype(np.float64))
+    for name in ("position", "volume", "initial_velocity", "velocity"):
+        values = getattr(record, name)
+        if values is not None:
+            _write_array(group, name, values.astype(np.float32))
+    if record.keyframes is not None:
+        keyframes = group.create_group("keyframes")
+        for name, values in vars(record.keyframes).items():
+            _write_array(keyframes, name, values if name == "step" else values.astype(np.float32))
+
+
+def _write_array(group: h5py.Group, name: str, values: np.ndarray) -> None:
+    """Compressed, and with checksums: a damaged byte is found when the array is read."""
+    frame = max(values[0].nbytes, 1)
+    chunks = (max(1, min(len(values), CHUNK_BYTES // frame)), *values.shape[1:])
+    group.create_dataset(
+        name, data=values, chunks=chunks, compression="gzip", compression_opts=4, shuffle=True, fletcher32=True
+    )

@@ -1,0 +1,35 @@
+"""May a scene start here? Particles belong into the domain and outside its walls."""
+
+import numpy as np
+from jaxtyping import Float
+
+from pcnclaws.errors import UserError
+from pcnclaws.mpm.settings import SimulationSettings
+
+# Accepted rounding of a position on the surface of the wall layer [m].
+WALL_TOLERANCE = 1e-6
+
+
+def require_inside(
+    position: Float[np.ndarray, "particles 3"], settings: SimulationSettings, what: str, slack: float = 0.0
+) -> None:
+    """Refuses particles outside the domain or inside the wall layer with a UserError that names the first one.
+
+    what   the scene or the option in the error message
+    slack  accepted depth inside the wall layer [m]
+    """
+    limit = max(settings.wall_distance - slack, 0.0)
+    depth = limit - np.minimum(position, 1.0 - position).min(1)
+    wrong = np.flatnonzero(~(depth <= WALL_TOLERANCE * (limit > 0.0)))
+    if len(wrong) == 0:
+        return
+    first = int(wrong[0])
+    x, y, z = position[first]
+    outside = not np.all((position[first] >= 0.0) & (position[first] <= 1.0))
+    layer = f"inside the wall layer (wall_distance={settings.wall_distance:g} m)"
+    place = "outside the domain [0, 1]^3 m" if outside else layer
+    others = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+    raise UserError(
+        f"{what}: particle {first}{others} at ({x:.4g}, {y:.4g}, {z:.4g}) m is {place}; "
+        f"accepted: every coordinate from {limit:.4g} to {1.0 - limit:.4g} m"
+    )

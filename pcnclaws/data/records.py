@@ -1,0 +1,78 @@
+"""A scene as it is recorded: what one group of a trajectory file holds. Particle-first arrays."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int64
+
+from pcnclaws.errors import UserError
+from pcnclaws.mpm.settings import SimulationSettings
+
+# Recorded times may be rounded: accepted distance of a frame from a whole number of steps, in steps.
+TIME_TOLERANCE = 0.05
+MAXIMUM_STEPS = 2**40
+
+
+@dataclass(frozen=True)
+class Keyframes:
+    """Full states from which a run can be started again.
+
+    step         counted from the first frame, (keyframes,)
+    position     [m], (keyframes, particles, 3)
+    velocity     [m/s], (keyframes, particles, 3)
+    affine       APIC velocity gradient C [1/s], (keyframes, particles, 3, 3)
+    deformation  elastic deformation gradient F [-], (keyframes, particles, 3, 3)
+    """
+
+    step: Int64[np.ndarray, " keyframes"]
+    position: Float[np.ndarray, "keyframes particles 3"]
+    velocity: Float[np.ndarray, "keyframes particles 3"]
+    affine: Float[np.ndarray, "keyframes particles 3 3"]
+    deformation: Float[np.ndarray, "keyframes particles 3 3"]
+
+
+@dataclass(frozen=True)
+class SceneRecord:
+    """A recorded trajectory with the settings and the parameters that it belongs to.
+
+    material          name of the material; need not be one of ours
+    parameters        physical parameters by name, as far as they are known
+    time              [s], (frames,), increasing; frames may be sparser than steps
+    position          [m], (frames, particles, 3); NaN marks a particle that was not observed in that frame
+    volume            initial volume [m^3], (particles,)
+    initial_velocity  velocity at the first frame [m/s], (particles, 3), None when it is not known
+    velocity          [m/s], (frames, particles, 3), None when it was not recorded
+    source            the file, for error messages
+    """
+
+    name: str
+    material: str
+    settings: SimulationSettings
+    parameters: Mapping[str, float]
+    time: Float[np.ndarray, " frames"]
+    position: Float[np.ndarray, "frames particles 3"]
+    volume: Float[np.ndarray, " particles"]
+    initial_velocity: Float[np.ndarray, "particles 3"] | None = None
+    velocity: Float[np.ndarray, "frames particles 3"] | None = None
+    keyframes: Keyframes | None = None
+    source: str = ""
+
+    @property
+    def label(self) -> str:
+        """The scene in an error message: its file, where it has one, and its name."""
+        return f"{self.source}: scene '{self.name}'" if self.source else f"scene '{self.name}'"
+
+    def frame_steps(self) -> Int64[np.ndarray, " frames"]:
+        """The step that each frame shows, counted from the first frame, (frames,).
+
+        raises  UserError when a frame lies between two steps
+        """
+        steps = (self.time - self.time[0]) / self.settings.time_step
+        whole = np.rint(steps)
+        if np.any(np.diff(whole) < 1) or np.abs(steps - whole).max() > TIME_TOLERANCE or steps[-1] > MAXIMUM_STEPS:
+            raise UserError(
+                f"{self.label}: its times lie between the steps; accepted: increasing times that are "
+                f"multiples of its time_step={self.settings.time_step:g} s after the first one"
+            )
+        return whole.astype(np.int64)

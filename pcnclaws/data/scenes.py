@@ -1,0 +1,237 @@
+"""Scenes as the user knows them (particle-first NumPy) and as the simulator runs them (component-first tensors).
+
+The only place where one becomes the other.
+"""
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from pcnclaws.data.placement import require_inside
+from pcnclaws.data.records import Keyframes, SceneRecord
+from pcnclaws.errors import UserError
+from pcnclaws.laws.materials import MATERIALS, Laws
+from pcnclaws.laws.parameters import validate_parameters
+from pcnclaws.mpm.integrator import MPMIntegrator
+from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.rollout import Trajectory, simulate
+from pcnclaws.simulator import Simulator
+
+
+@dataclass(frozen=True)
+class SceneStart:
+    """Where a scene starts: everything that a simulation needs but the laws.
+
+    parameters   physical parameters by name
+    position     [m], (particles, 3)
+    velocity     [m/s], (particles, 3)
+    volume       initial volume [m^3], (particles,)
+    affine       APIC velocity gradient C [1/s], (particles, 3, 3), None for 0
+    deformation  elastic deformation gradient F [-], (particles, 3, 3), None for I
+    """
+
+    name: str
+    material: str
+    settings: SimulationSettings
+    parameters: Mapping[str, float]
+    position: Float[np.ndarray, "particles 3"]
+    velocity: Float[np.ndarray, "particles 3"]
+    volume: Float[np.ndarray, " particles"]
+    affine: Float[np.ndarray, "particles 3 3"] | None = None
+    deformation: Float[np.ndarray, "particles 3 3"] | None = None
+
+
+class SceneBatch(NamedTuple):
+    """Scenes of the same settings as one flat batch; parameters by name, each (particles,)."""
+
+    state: ParticleState
+    scenes: Scenes
+    parameters: dict[str, Tensor]
+    names: tuple[str, ...]
+
+    @property
+    def particle_counts(self) -> list[int]:
+        """Number of particles of each scene."""
+        return torch.bincount(self.scenes.scene_index, minlength=self.scenes.scene_count).tolist()
+
+
+Scene = TypeVar("Scene", SceneStart, SceneRecord)
+
+
+def start_of(record: SceneRecord) -> SceneStart:
+    """The start of a recorded scene: first frame, initial velocity, and the keyframe at step 0 where there is one.
+
+    raises  UserError when the record does not say how the scene starts, or starts outside the domain
+    """
+    if record.initial_velocity is None:
+        raise UserError(f"{record.label}: has no initial_velocity; a scene cannot start from it")
+    if record.material in MATERIALS:
+        names = MATERIALS[record.material].parameter_names
+        known = {name: value for name, value in record.parameters.items() if name in names}
+        validate_parameters(known, names, option=f"{record.label}: parameters")
+    # a body that lies on a wall sinks half a cell into its layer, so that a recording may begin there
+    require_inside(record.position[0], record.settings, record.label, slack=0.5 * record.settings.grid_spacing)
+    start = SceneStart(
+        record.name,
+        record.material,
+        record.settings,
+        record.parameters,
+        record.position[0],
+        record.initial_velocity,
+        record.volume,
+    )
+    keyframes = record.keyframes
+    if keyframes is None or keyframes.step[0] != 0:
+        return start
+    return replace(start, affine=keyframes.affine[0], deformation=keyframes.deformation[0])
+
+
+def group_by_settings(scenes: Sequence[Scene]) -> list[list[Scene]]:
+    """The scenes in groups that can run as one batch, in the order of their first members."""
+    groups: dict[SimulationSettings, list[Scene]] = {}
+    for scene in scenes:
+        groups.setdefault(_shared(scene.settings), []).append(scene)
+    return list(groups.values())
+
+
+def batch_scenes(
+    starts: Sequence[SceneStart], dtype: torch.dtype = torch.float32, device: str | torch.device = "cpu"
+) -> SceneBatch:
+    """Scenes as one flat batch. Gravity and density may differ between them, the other settings may not.
+
+    raises  ValueError when the scenes cannot share a batch
+    """
+    if not starts or len(group_by_settings(starts)) != 1:
+        raise ValueError("a batch needs one or more scenes with the same settings")
+    names = set(starts[0].parameters)
+    if any(set(start.parameters) != names for start in starts):
+        raise ValueError("the scenes of a batch need the same parameters")
+
+    def tensor(values: np.ndarray) -> Tensor:
+        return torch.tensor(values, dtype=dtype, device=device)
+
+    counts = [len(start.position) for start in starts]
+    index = np.repeat(np.arange(len(starts)), counts)
+    volume = np.concatenate([start.volume for start in starts]).astype(np.float64)
+    density = np.array([start.settings.density for start in starts])[index]
+    state = ParticleState(
+        tensor(vectors_first(np.concatenate([start.position for start in starts]))),
+        tensor(vectors_first(np.concatenate([start.velocity for start in starts]))),
+        tensor(_matrices_first(starts, "affine", np.zeros((3, 3)))),
+        tensor(_matrices_first(starts, "deformation", np.eye(3))),
+    )
+    gravity = tensor(np.array([start.settings.gravity for start in starts]).T)
+    scene_index = torch.tensor(index, dtype=torch.int64, device=device)
+    scenes = Scenes(scene_index, tensor(density * volume), tensor(volume), gravity)
+    parameters = {name: tensor(np.array([start.parameters[name] for start in starts])[index]) for name in sorted(names)}
+    return SceneBatch(state, scenes, parameters, tuple(start.name for start in starts))
+
+
+def simulate_records(
+    starts: Sequence[SceneStart],
+    laws: Laws,
+    steps: int,
+    every: int,
+    keyframe_every: int = 0,
+    dtype: torch.dtype = torch.float32,
+    device: str | torch.device = "cpu",
+    progress: Callable[[int], None] | None = None,
+) -> list[SceneRecord]:
+    """Simulates scenes, those of the same settings as one batch, and records them; results in the order of `starts`.
+
+    every           steps between frames
+    keyframe_every  steps between keyframes, 0 for none
+    progress        called with the number of steps just done, of steps x len(group_by_settings(starts)) in all
+    raises          SimulationDiverged, naming scene, step and particle
+    """
+    done: dict[int, SceneRecord] = {}
+    for group in group_by_settings(starts):
+        simulator = Simulator(*laws, MPMIntegrator(group[0].settings))
+        simulator = copy.deepcopy(simulator).to(device=device, dtype=dtype)
+        batch = batch_scenes(group, dtype, device)
+        step = simulator.step_function(batch.scenes, batch.parameters)
+        trajectory = simulate(
+            step, batch.state, batch.scenes, steps, every, keyframe_every, batch.names, progress=progress
+        )
+        done |= {id(start): record for start, record in zip(group, _records(group, batch, trajectory), strict=True)}
+    return [done[id(start)] for start in starts]
+
+
+def vectors_first(vectors: np.ndarray) -> np.ndarray:
+    """(..., particles, 3) to (..., 3, particles)."""
+    return np.ascontiguousarray(np.swapaxes(vectors, -1, -2))
+
+
+def split_vectors(vectors: Float[Tensor, "frames 3 particles"], counts: Sequence[int]) -> list[np.ndarray]:
+    """A field of a batch by scenes, each (frames, particles, 3), single precision.
+
+    counts  SceneBatch.particle_counts
+    """
+    parts = vectors.detach().to("cpu", torch.float32).split(list(counts), dim=-1)
+    return [np.ascontiguousarray(np.swapaxes(part.numpy(), -1, -2)) for part in parts]
+
+
+def split_matrices(matrices: Float[Tensor, "frames 3 3 particles"], counts: Sequence[int]) -> list[np.ndarray]:
+    """A field of a batch by scenes, each (frames, particles, 3, 3), single precision."""
+    parts = matrices.detach().to("cpu", torch.float32).split(list(counts), dim=-1)
+    return [np.ascontiguousarray(np.moveaxis(part.numpy(), -1, -3)) for part in parts]
+
+
+def join_positions(
+    positions: Sequence[np.ndarray], dtype: torch.dtype = torch.float32, device: str | torch.device = "cpu"
+) -> Float[Tensor, "frames 3 particles"]:
+    """Positions of scenes, each (frames, particles, 3), as one field of their batch."""
+    return torch.tensor(vectors_first(np.concatenate(positions, axis=1)), dtype=dtype, device=device)
+
+
+def _records(starts: Sequence[SceneStart], batch: SceneBatch, trajectory: Trajectory) -> list[SceneRecord]:
+    counts = batch.particle_counts
+    step, keyframe_step = trajectory.step.cpu().numpy(), trajectory.keyframe_step.cpu().numpy()
+    fields = zip(
+        starts,
+        split_vectors(trajectory.position, counts),
+        split_vectors(trajectory.velocity, counts),
+        split_matrices(trajectory.affine, counts),
+        split_matrices(trajectory.deformation, counts),
+        strict=True,
+    )
+    records = []
+    for start, position, velocity, affine, deformation in fields:
+        at = np.searchsorted(step, keyframe_step)
+        keyframes = Keyframes(keyframe_step, position[at], velocity[at], affine, deformation) if len(at) else None
+        records.append(
+            SceneRecord(
+                start.name,
+                start.material,
+                start.settings,
+                start.parameters,
+                step * start.settings.time_step,
+                position,
+                start.volume.astype(np.float32),
+                velocity[0],
+                velocity,
+                keyframes,
+            )
+        )
+    return records
+
+
+def _shared(settings: SimulationSettings) -> SimulationSettings:
+    """The settings but for what may differ within a batch."""
+    return replace(settings, gravity=(0.0, 0.0, 0.0), density=1.0)
+
+
+def _matrices_first(starts: Sequence[SceneStart], field: str, missing: np.ndarray) -> np.ndarray:
+    values = [getattr(start, field) for start in starts]
+    filled = [
+        np.broadcast_to(missing, (len(start.position), 3, 3)) if value is None else value
+        for start, value in zip(starts, values, strict=True)
+    ]
+    return np.ascontiguousarray(np.moveaxis(np.concatenate(filled), 0, -1))

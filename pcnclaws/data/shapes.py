@@ -1,0 +1,179 @@
+"""Bodies as particles: a cube, a sphere, or whatever a point file holds. Particle-first, double precision."""
+
+import math
+import zipfile
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from pcnclaws.data.hdf5 import read_scenes, scene_names
+from pcnclaws.errors import UserError, unknown_name
+
+SHAPES = ("cube", "sphere")
+POINT_FILES = (".npz", ".h5", ".hdf5")
+MAXIMUM_PARTICLES_PER_EDGE = 200
+MAXIMUM_POINT_FILE_BYTES = 4 * 1024**3
+
+
+class PointCloud(NamedTuple):
+    """A body as particles.
+
+    position     [m], (particles, 3)
+    velocity     [m/s], (particles, 3)
+    volume       initial volume [m^3], (particles,)
+    affine       APIC velocity gradient C [1/s], (particles, 3, 3), None for 0
+    deformation  elastic deformation gradient F [-], (particles, 3, 3), None for I
+    """
+
+    position: Float[np.ndarray, "particles 3"]
+    velocity: Float[np.ndarray, "particles 3"]
+    volume: Float[np.ndarray, " particles"]
+    affine: Float[np.ndarray, "particles 3 3"] | None = None
+    deformation: Float[np.ndarray, "particles 3 3"] | None = None
+
+
+def particles(
+    shape: str = "cube",
+    centre: Sequence[float | int] = (0.5, 0.5, 0.5),
+    side: float | int = 0.5,
+    particles_per_edge: int = 10,
+) -> PointCloud:
+    """A shape at rest, filled with a uniform lattice of particles of equal volume.
+
+    shape   'cube': the lattice includes the faces; 'sphere': the points of the cube's lattice that lie in the sphere
+    centre  [m]
+    side    edge of the cube, diameter of the sphere [m]
+    raises  UserError
+    """
+    _check_shape(shape, centre, side, particles_per_edge)
+    along = np.linspace(-0.5, 0.5, particles_per_edge)
+    lattice = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3)
+    fraction = 1.0
+    if shape == "sphere":
+        # the tolerance keeps points that lie on the sphere but for rounding
+        lattice = lattice[np.square(lattice).sum(1) <= 0.25 * (1.0 + 1e-9)]
+        fraction = math.pi / 6.0
+    count = len(lattice)
+    position = np.asarray(centre, dtype=np.float64) + side * lattice
+    return PointCloud(position, np.zeros_like(position), np.full(count, fraction * side**3 / count))
+
+
+def spin_velocity(
+    position: Float[np.ndarray, "particles 3"],
+    velocity: Float[np.ndarray, "particles 3"],
+    spin: Sequence[float | int],
+    centre: Sequence[float | int] | None = None,
+) -> Float[np.ndarray, "particles 3"]:
+    """Velocities with a rigid rotation added: v + spin x (x - centre) [m/s], (particles, 3).
+
+    spin    [rad/s]
+    centre  [m], None for the mean of the positions
+    """
+    middle = position.mean(0) if centre is None else np.asarray(centre, dtype=np.float64)
+    return velocity + np.cross(np.asarray(spin, dtype=np.float64), position - middle)
+
+
+def read_point_file(path: str | Path, name: str | None = None) -> PointCloud:
+    """The body of a point file: an .npz of position, velocity and volume, or the first frame of a trajectory file.
+
+    name    the scene of a trajectory file that holds several
+    raises  UserError, one line, for whatever is wrong with the file
+    """
+    path = Path(path)
+    if path.suffix.lower() not in POINT_FILES:
+        raise UserError(f"scene.particles={path} is not accepted; accepted: a file ending in {', '.join(POINT_FILES)}")
+    if not path.is_file():
+        raise UserError(f"scene.particles={path}: no such file")
+    return _read_npz(path) if path.suffix.lower() == ".npz" else _first_frame(path, name)
+
+
+def _check_shape(shape: str, centre: Sequence[float | int], side: float | int, particles_per_edge: int) -> None:
+    if shape not in SHAPES:
+        raise unknown_name("scene.shape", shape, SHAPES)
+    if len(centre) != 3 or not np.isfinite(np.asarray(centre, dtype=np.float64)).all():
+        raise UserError(f"scene.centre={list(centre)} is not accepted; accepted: three finite numbers [m]")
+    if not (math.isfinite(side) and 0.0 < side <= 1.0):
+        raise UserError(f"scene.side={side} is not accepted; accepted: above 0 to 1 m")
+    if not 2 <= particles_per_edge <= MAXIMUM_PARTICLES_PER_EDGE or particles_per_edge != int(particles_per_edge):
+        raise UserError(
+            f"scene.particles_per_edge={particles_per_edge} is not accepted; "
+            f"accepted: a whole number from 2 to {MAXIMUM_PARTICLES_PER_EDGE}"
+        )
+    if shape == "sphere" and particles_per_edge < 3:
+        raise UserError(f"scene.particles_per_edge={particles_per_edge} is too coarse for a sphere; accepted: from 3")
+
+
+def _first_frame(path: Path, name: str | None) -> PointCloud:
+    known = scene_names(path)
+    if name is None and len(known) > 1:
+        raise UserError(f"{path}: holds {len(known)} scenes; accepted: scene.name= one of {', '.join(known[:20])}")
+    record = read_scenes(path, [name if name is not None else known[0]])[0]
+    if record.initial_velocity is None:
+        raise UserError(f"{record.label}: has no initial_velocity; a scene cannot start from it")
+    start, keyframes = record.position[0], record.keyframes
+    body = PointCloud(
+        start.astype(np.float64), record.initial_velocity.astype(np.float64), record.volume.astype(np.float64)
+    )
+    if keyframes is None or keyframes.step[0] != 0:
+        return body
+    return body._replace(
+        affine=keyframes.affine[0].astype(np.float64), deformation=keyframes.deformation[0].astype(np.float64)
+    )
+
+
+def _read_npz(path: Path) -> PointCloud:
+    try:
+        arrays = _arrays(path)
+    except UserError:
+        raise
+    except (
+        OSError,
+        ValueError,
+        EOFError,
+        KeyError,
+        TypeError,
+        MemoryError,
+        NotImplementedError,
+        RuntimeError,
+        zipfile.BadZipFile,
+        zlib.error,
+    ) as error:
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise UserError(f"{path}: not an .npz file of numbers, or damaged ({reason})") from error
+    position, velocity, volume = (arrays[name] for name in ("position", "velocity", "volume"))
+    count = position.shape[0] if position.ndim else 0
+    for name, values, shape in (
+        ("position", position, (count, 3)),
+        ("velocity", velocity, (count, 3)),
+        ("volume", volume, (count,)),
+    ):
+        if values.shape != shape:
+            accepted = "(N,)" if name == "volume" else "(N, 3)"
+            raise UserError(f"{path}: '{name}' has the shape {values.shape}; accepted: {accepted}, the same N for all")
+        if not np.isfinite(values).all():
+            raise UserError(f"{path}: '{name}' holds numbers that are not finite")
+    if count == 0:
+        raise UserError(f"{path}: holds no particle")
+    if volume.min() <= 0.0:
+        raise UserError(f"{path}: 'volume' is not positive everywhere")
+    return PointCloud(position, velocity, volume)
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """The three arrays in double precision. Objects are refused: reading one would run code from the file."""
+    with zipfile.ZipFile(path) as archive:
+        if sum(member.file_size for member in archive.infolist()) > MAXIMUM_POINT_FILE_BYTES:
+            raise UserError(f"{path}: claims more than {MAXIMUM_POINT_FILE_BYTES / 1024**3:g} GiB of points")
+    with np.load(path, allow_pickle=False) as file:
+        for name in ("position", "velocity", "volume"):
+            if name not in file:
+                raise UserError(f"{path}: '{name}' is missing; accepted: position (N, 3), velocity (N, 3), volume (N,)")
+        arrays = {name: file[name] for name in ("position", "velocity", "volume")}
+    for name, values in arrays.items():
+        if values.dtype.kind not in "fiu":
+            raise UserError(f"{path}: '{name}' holds {values.dtype}; accepted: numbers")
+    return {name: values.astype(np.float64) for name, values in arrays.items()}

@@ -1,0 +1,39 @@
+"""The pictures of an evaluation."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pcnclaws.evaluation.tasks import SceneResult
+from pcnclaws.rendering.animation import animation
+from pcnclaws.rendering.curves import ErrorCurve, error_over_time
+from pcnclaws.rendering.pictures import predicted_beside_true
+
+MOST_SHEETS = 6
+
+
+def leave_pictures(
+    results: Sequence[SceneResult], folder: Path, stem: str, before: Sequence[SceneResult] = (), animated: bool = True
+) -> list[Path]:
+    """Pictures of the results: predicted beside true for each scene, error over time, and one animation.
+
+    before   the same scenes before training, for the error over time
+    returns  <folder>/<stem>_<scene>.png (of the first scenes), <stem>_error_over_time.png, <stem>_<first scene>.gif
+    """
+    sheets = [
+        predicted_beside_true(result.true, result.predicted, folder / f"{stem}_{_safe(result.name)}.png")
+        for result in results[:MOST_SHEETS]
+    ]
+    curves = error_over_time(_curves(results), folder / f"{stem}_error_over_time.png", _curves(before))
+    if not animated:
+        return [*sheets, curves]
+    first = results[0]
+    return [*sheets, curves, animation(first.true, first.predicted, folder / f"{stem}_{_safe(first.name)}.gif")]
+
+
+def _curves(results: Sequence[SceneResult]) -> list[ErrorCurve]:
+    return [ErrorCurve(result.name, result.time, result.mse_by_frame) for result in results]
+
+
+def _safe(name: str) -> str:
+    """The name of a scene as a part of a file name."""
+    return "".join(letter if letter.isascii() and (letter.isalnum() or letter in "._-") else "_" for letter in name)

@@ -1,0 +1,138 @@
+"""Results of an evaluation as JSON and as a table."""
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.markup import escape
+from rich.table import Table
+
+from pcnclaws.data.atomic import replaced_file
+from pcnclaws.evaluation.tasks import SceneResult, mean_mse
+
+UNITS = {
+    "mse": "m^2, mean over particles, coordinates and the compared frames, the first one included",
+    "mse_sum": "m^2, the same with the coordinates summed",
+    "rms_percent": "root of mse_sum in percent of the object's size (cube root of its initial volume)",
+    "stress_error": "sum |tau - tau_true| / sum |tau_true| at the recorded states after contact",
+}
+# Header of a parameter's column and the factor from SI units.
+SHORT = {
+    "youngs_modulus": ("E [kPa]", 1e-3),
+    "poissons_ratio": ("nu", 1.0),
+    "friction_angle": ("phi [deg]", 1.0),
+    "yield_stress": ("tau_Y [kPa]", 1e-3),
+}
+
+LONGEST_NAME = 24
+
+
+def metrics(results: Sequence[SceneResult]) -> dict[str, Any]:
+    """Errors of the scenes and their means, as plain values for a JSON file.
+
+    {"mse", "mse_sum", "rms_percent", "stress_error", "scenes": [{"name", "parameters", ...}], "units"}; null where
+    a value does not exist
+    """
+    return {
+        "mse": mean_mse(results),
+        "mse_sum": float(np.mean([result.mse_sum for result in results])),
+        "rms_percent": float(np.mean([result.rms_percent for result in results])),
+        "stress_error": _mean_if_any([result.stress_error for result in results]),
+        "scenes": [_scene_metrics(result) for result in results],
+        "units": UNITS,
+    }
+
+
+def write_metrics(path: Path, values: Mapping[str, Any]) -> Path:
+    """Writes a JSON file, whole or not at all; what is not a finite number becomes null."""
+    with replaced_file(path) as unfinished:
+        text = json.dumps(_plain(values), indent=2, ensure_ascii=False, allow_nan=False)
+        unfinished.write_text(_numbers_on_one_line(text) + "\n", encoding="utf-8")
+    return path
+
+
+def results_table(
+    results: Sequence[SceneResult],
+    title: str = "",
+    before: Sequence[SceneResult] = (),
+    published: Mapping[str, float] | None = None,
+) -> Table:
+    """One line a scene and the mean.
+
+    before     the same scenes before training, for a column beside
+    published  mse [m^2] of the paper by scene name, for another one
+    """
+    names = list(results[0].parameters)
+    table = Table(title=escape(title) or None, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("scene", overflow="fold", min_width=min(LONGEST_NAME, max(len(result.name) for result in results)))
+    for header in (
+        *(_header(name) for name in names),
+        "MSE [m^2]",
+        *(["before training"] if before else []),
+        *(["paper"] if published else []),
+        "RMS [% of size]",
+        "stress error",
+    ):
+        table.add_column(escape(header), justify="right", min_width=max(map(len, header.split())))
+    earlier = {result.name: result.mse for result in before}
+    for result in results:
+        beside = [earlier.get(result.name)] * bool(before) + [(published or {}).get(result.name)] * bool(published)
+        values = (f"{result.parameters[name] * SHORT.get(name, (name, 1.0))[1]:.4g}" for name in names)
+        table.add_row(escape(result.name), *values, *_errors(_scene_metrics(result), beside))
+    table.add_section()
+    beside = [_mean_if_any(list(earlier.values()))] * bool(before) + [None] * bool(published)
+    table.add_row("mean", *[""] * len(names), *_errors(metrics(results), beside))
+    return table
+
+
+def _header(name: str) -> str:
+    return SHORT.get(name, (name, 1.0))[0]
+
+
+def _errors(values: Mapping[str, Any], beside: Sequence[float | None]) -> list[str]:
+    """The cells of one line that hold errors; `beside` are other values of the MSE."""
+    errors = [_number(value) for value in (values["mse"], *beside)]
+    return [*errors, f"{values['rms_percent']:.2g}", _number(values["stress_error"])]
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1e}"
+
+
+def _scene_metrics(result: SceneResult) -> dict[str, Any]:
+    return {
+        "name": result.name,
+        "parameters": dict(result.parameters),
+        "mse": result.mse,
+        "mse_sum": result.mse_sum,
+        "rms_percent": result.rms_percent,
+        "stress_error": result.stress_error,
+        "time": result.time.tolist(),
+        "mse_by_frame": result.mse_by_frame.tolist(),
+    }
+
+
+def _numbers_on_one_line(text: str) -> str:
+    """Lists of numbers, one a line, as one line a list."""
+    return re.sub(r"\[[\s\d.,e+null-]+\]", lambda match: " ".join(match[0].split()), text)
+
+
+def _mean_if_any(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _plain(value: object) -> object:
+    """The value with None for numbers that JSON has no word for."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,53 @@
+"""The stress error of a law at the recorded states of a scene."""
+
+import math
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from pcnclaws.data.records import SceneRecord
+from pcnclaws.laws.materials import Laws
+from pcnclaws.metrics import relative_stress_error
+
+# A particle acts on, and feels, the grid nodes up to this many cells away.
+REACH = 1.5
+
+
+def stress_error(record: SceneRecord, laws: Laws, analytic: Laws) -> float | None:
+    """Relative error [-] of the Kirchhoff stress of `laws` at the recorded keyframes after contact.
+
+    Both laws see the recorded elastic deformation gradients, so the error is that of the elasticity alone, free
+    of what the motion accumulates. It is sum |tau - tau_true| / sum |tau_true| over the particles of all keyframes
+    from the first one on at which a particle feels a wall node: before it there is little stress to compare.
+    returns  None when the record has no keyframes after contact, or no stress at them
+    """
+    deformation = _states_after_contact(record)
+    if deformation is None:
+        return None
+    # one keyframe at a time: a neural law needs far more memory than the states themselves
+    stress, true_stress = (
+        np.concatenate([_stress(state, record, law) for state in deformation]) for law in (laws, analytic)
+    )
+    error = relative_stress_error(stress, true_stress)
+    return None if math.isnan(error) else error
+
+
+def _states_after_contact(record: SceneRecord) -> Float[np.ndarray, "keyframes particles 3 3"] | None:
+    keyframes = record.keyframes
+    if keyframes is None:
+        return None
+    settings = record.settings
+    felt = settings.wall_distance + REACH * settings.grid_spacing
+    touching = (np.minimum(keyframes.position, 1.0 - keyframes.position) < felt).any((1, 2))
+    after = np.logical_or.accumulate(touching)
+    return keyframes.deformation[after] if after.any() else None
+
+
+@torch.no_grad()
+def _stress(deformation: np.ndarray, record: SceneRecord, laws: Laws) -> Float[np.ndarray, "particles 3 3"]:
+    """Kirchhoff stress [Pa], (particles, 3, 3), in the precision of the law's weights (float32 without any)."""
+    like = next(laws.elasticity.parameters(), torch.zeros(()))
+    states = torch.tensor(np.moveaxis(deformation, 0, -1).copy(), dtype=like.dtype, device=like.device)
+    parameters = {name: states.new_full((states.shape[2],), value) for name, value in record.parameters.items()}
+    return np.moveaxis(laws.elasticity.kirchhoff_stress(states, parameters).cpu().numpy(), -1, 0)

@@ -1,0 +1,34 @@
+"""Makes a data set with the analytic laws: python -m pcnclaws.generate material=sand."""
+
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from pcnclaws import launcher
+from pcnclaws.configuration import use_threads
+from pcnclaws.data.generation import read_split
+from pcnclaws.data_sets import ready_data_set
+from pcnclaws.rendering.contact_sheet import contact_sheet
+
+PICTURE = "data_set.png"
+
+
+def generate(config: DictConfig) -> None:
+    """Makes what is missing of the data set in data.folder, and a picture of it."""
+    use_threads(config)
+    files = ready_data_set(config)
+    folder = Path(config.data.folder)
+    for split, paths in files.items():
+        size = sum(path.stat().st_size for path in paths) / 1024**2
+        print(f"{split}: {len(paths)} scenes of {config.material.name}, {size:.1f} MiB, in {folder / split}")
+    records = [record for split in files for record in read_split(folder, split)]
+    print(f"wrote {contact_sheet(records, folder / PICTURE)}")
+
+
+def main() -> None:
+    """The command."""
+    launcher.main(generate, "generate")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""What the options of a configuration may be: known names, and values of the kind of their defaults."""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from pcnclaws.errors import UserError, unknown_name
+
+# Words that an option takes beside the numbers of its kind.
+WORDS = {"simulation.time_step": ("auto",)}
+KINDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "text"}
+# At most so many names are listed when an option is not known.
+LISTED = 12
+
+
+def leaves(config: DictConfig, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every option by its dotted name, with its value: a scalar, a list, or None."""
+    for key in config:
+        option, value = f"{prefix}{key}", config[key]
+        if isinstance(value, DictConfig) and value:
+            yield from leaves(value, f"{option}.")
+        else:
+            yield option, OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
+
+
+def check_options(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
+    """Refuses unknown and deleted options and values of another kind than the default's with a UserError.
+
+    A default of None says nothing about the kind; numbers are finite there too.
+    """
+    for option, value in values.items():
+        if option not in defaults:
+            raise unknown_option(option, defaults)
+        if value not in WORDS.get(option, ()):
+            _require_kind(option, value, defaults[option])
+    for option, default in defaults.items():
+        if option not in values:
+            raise UserError(f"option '{option}' is missing; accepted: {_accepted(default)}")
+
+
+def unknown_option(option: str, defaults: Mapping[str, Any]) -> UserError:
+    """The error for an option that does not exist: its siblings, and the nearest name among all options."""
+    siblings: list[str] = []
+    prefix = option
+    while not siblings and prefix:
+        prefix = prefix.rpartition(".")[0]
+        siblings = sorted(name for name in defaults if name.startswith(f"{prefix}." if prefix else ""))
+    if len(siblings) > LISTED:
+        siblings = sorted({name.partition(".")[0] for name in siblings})
+    return unknown_name("option", option, siblings)
+
+
+def _require_kind(option: str, value: Any, default: Any) -> None:
+    if default is None:
+        right = all(not isinstance(item, float) or math.isfinite(item) for item in _items(value))
+        accepted = "finite numbers"
+    else:
+        right, accepted = _is_kind(value, default), _accepted(default)
+    if not right:
+        words = "".join(f", or {word}" for word in WORDS.get(option, ()))
+        raise UserError(f"{option}={_shown(value)} is not accepted; accepted: {accepted}{words}")
+
+
+def _is_kind(value: Any, default: Any) -> bool:
+    if isinstance(default, list):
+        return (
+            isinstance(value, list)
+            and (not default or len(value) == len(default))
+            and all(_is_kind(item, default[0]) for item in value if default)
+        )
+    if isinstance(default, float):
+        return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    return type(value) is type(default)
+
+
+def _accepted(default: Any) -> str:
+    if isinstance(default, list) and default:
+        return f"a list of {len(default)}, each {_accepted(default[0])}"
+    return KINDS.get(type(default), "a list" if isinstance(default, list) else "a value")
+
+
+def _items(value: Any) -> Iterator[Any]:
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list):
+        for item in value:
+            yield from _items(item)
+    else:
+        yield value
+
+
+def _shown(value: Any) -> str:
+    return "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)

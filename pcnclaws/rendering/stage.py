@@ -1,0 +1,62 @@
+"""The empty box: floor with a grid, two walls behind, and the shadow of the particles on the floor."""
+
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from pcnclaws.rendering.camera import Camera
+
+FLOOR, WALL, LINE, OUTSIDE = 0.93, 0.965, 0.80, 1.0
+GRID_LINES_EVERY = 0.1  # m
+LINE_WIDTH = 0.004  # m
+SHADOW_CELLS, SHADOW_BLUR, SHADOW_DARKNESS = 160, 3.0, 0.32
+LIGHT = np.array([-0.35, 1.0, 0.5]) / np.linalg.norm([-0.35, 1.0, 0.5])
+
+
+@lru_cache(maxsize=8)
+def empty_stage(camera: Camera) -> tuple[Float[np.ndarray, "rows columns"], Float[np.ndarray, "rows columns 3"]]:
+    """Brightness of each pixel of the empty box, and the point [m] where its ray leaves the box (NaN: outside)."""
+    rays = camera.rays()
+    low = np.array([camera.lower, camera.lower, camera.lower])
+    high = np.array([camera.upper, camera.top, camera.upper])
+    with np.errstate(divide="ignore"):
+        first, second = (low - camera.eye) / rays, (high - camera.eye) / rays
+    enters, leaves = np.minimum(first, second).max(2), np.maximum(first, second).min(2)
+    exits = camera.eye + leaves[..., None] * rays
+    axis = np.maximum(first, second).argmin(2)
+    on_floor = axis == 1
+    to_line = np.abs((exits + 0.5 * GRID_LINES_EVERY) % GRID_LINES_EVERY - 0.5 * GRID_LINES_EVERY)
+    lined = on_floor & (to_line[..., [0, 2]].min(2) < 0.5 * LINE_WIDTH)
+    brightness = np.where(on_floor, FLOOR, WALL) - np.where(axis == 2, 0.0, 0.02) * ~on_floor
+    brightness = np.where(lined, 0.5 * (FLOOR + LINE), brightness)
+    brightness = np.where(_near_edge(exits, low, high), LINE, brightness)
+    outside = leaves <= enters
+    exits[outside | ~on_floor] = np.nan
+    return np.where(outside, OUTSIDE, brightness), exits
+
+
+def shadowed_stage(
+    camera: Camera, position: Float[np.ndarray, "particles 3"], radius: Float[np.ndarray, " particles"]
+) -> Float[np.ndarray, "rows columns"]:
+    """Brightness of each pixel of the box with the soft shadow that the particles throw on the floor."""
+    brightness, floor = empty_stage(camera)
+    cell = (camera.upper - camera.lower) / SHADOW_CELLS
+    fallen = position - LIGHT * ((position[:, 1] - camera.lower) / LIGHT[1])[:, None]
+    bins = np.linspace(camera.lower, camera.upper, SHADOW_CELLS + 1)
+    covered, _, _ = np.histogram2d(fallen[:, 0], fallen[:, 2], bins=(bins, bins), weights=np.pi * radius**2 / cell**2)
+    density = gaussian_filter(covered, max(SHADOW_BLUR, float(radius.max(initial=0.0) / cell)))
+    on_floor = np.isfinite(floor[..., 0])
+    x, z = ((floor[on_floor][:, k] - camera.lower) / cell - 0.5 for k in (0, 2))
+    shadowed = brightness.copy()
+    shade = map_coordinates(1.0 - np.exp(-1.5 * density), (x, z), order=1, mode="nearest")
+    shadowed[on_floor] *= 1.0 - SHADOW_DARKNESS * shade
+    return shadowed
+
+
+def _near_edge(exits: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Pixels whose ray leaves the box close to one of its edges; the open top counts as none."""
+    near = (np.abs(exits - low) < LINE_WIDTH) | (np.abs(exits - high) < LINE_WIDTH)
+    at_top = np.abs(exits[..., 1] - high[1]) < LINE_WIDTH
+    return (near.sum(2) >= 2) & ~at_top

@@ -1,0 +1,87 @@
+"""Simulates one scene: python -m pcnclaws.simulate material=sand law=analytic output=x.h5."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from omegaconf import DictConfig
+from rich.console import Console
+from rich.progress import Progress
+
+from pcnclaws import launcher
+from pcnclaws.configuration import (
+    device_from,
+    material_from,
+    output_file,
+    precision_from,
+    start_from,
+    use_threads,
+    whole_number,
+)
+from pcnclaws.data.hdf5 import write_scenes
+from pcnclaws.data.records import SceneRecord
+from pcnclaws.data.scenes import SceneStart, simulate_records
+from pcnclaws.errors import SimulationDiverged
+from pcnclaws.rendering.pictures import trajectory_picture
+from pcnclaws.runs import laws_for
+from pcnclaws.time_step import check_time_step, largest_speed, time_step_limit
+
+
+def simulate(config: DictConfig) -> None:
+    """Writes the trajectory of the configured scene to `output`, and a picture of it beside it."""
+    output = output_file(config)
+    use_threads(config)
+    record = _trajectory(config, start_from(config))
+    write_scenes(output, [record])
+    print(_summary(record, output))
+    if config.picture:
+        print(f"wrote {trajectory_picture(record, picture_path(output))}")
+
+
+def picture_path(output: Path) -> Path:
+    """Where the picture of a trajectory file goes: beside it, under its name."""
+    return output.with_name(f"{output.name}.png" if output.suffix == ".png" else f"{output.stem}.png")
+
+
+def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
+    settings, parameters = start.settings, start.parameters
+    speed = largest_speed(start.position, start.velocity, settings.gravity, settings.wall_distance)
+    check_time_step(settings, parameters, speed)
+    steps, every = whole_number(config, "simulation.steps"), whole_number(config, "simulation.every")
+    keyframe_every = whole_number(config, "keyframe_every", least=0)
+    laws = laws_for(str(config.law), material_from(config), [parameters])
+    dtype, device = precision_from(config), device_from(config)
+    with _progress(steps) as advance:
+        try:
+            return simulate_records([start], laws, steps, every, keyframe_every, dtype, device, advance)[0]
+        except SimulationDiverged as error:
+            limit = time_step_limit(settings, parameters, speed)
+            raise SimulationDiverged(
+                f"{error}; simulation.time_step={settings.time_step:g}, stable: {limit}"
+            ) from error
+
+
+@contextmanager
+def _progress(steps: int) -> Iterator[Callable[[int], None]]:
+    """A progress bar with the time left, on stderr, gone when done."""
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("simulating", total=steps)
+        yield lambda done: progress.advance(task, done)
+
+
+def _summary(record: SceneRecord, output: Path) -> str:
+    frames, count, _ = record.position.shape
+    return (
+        f"wrote {output}: scene '{record.name}' of {record.material}, {count} particles, {frames} frames, "
+        f"{record.time[-1] - record.time[0]:.4g} s"
+    )
+
+
+def main() -> None:
+    """The command."""
+    launcher.main(simulate, "simulate")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,140 @@
+"""Trains the laws of a material: python -m pcnclaws.train experiment=sand_multi."""
+
+from pathlib import Path
+from typing import Any, cast
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+
+from pcnclaws import launcher
+from pcnclaws.configuration import device_from, material_from, precision_from, use_threads, whole_number
+from pcnclaws.data.datamodule import TrajectoryDataModule
+from pcnclaws.data.dataset import SegmentPlan
+from pcnclaws.data_sets import ready_data_set
+from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.laws.materials import Laws, Material
+from pcnclaws.laws.neural import build_neural_laws
+from pcnclaws.runs import METRICS, WEIGHTS, is_finished, start_run
+from pcnclaws.training.fit import FitResult, fit, quiet_lightning
+from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
+from pcnclaws.training.multi_scene import MultiSceneModule
+from pcnclaws.training.single_scene import SingleSceneModule
+from pcnclaws.training.sources import TrainingScenes, for_regime, generated_scenes, own_scenes
+from pcnclaws.training.weights import set_law_weights, write_weights
+from pcnclaws.training_report import Report, write_report
+
+REGIMES: dict[str, type[ConstitutiveModule]] = {"multi_scene": MultiSceneModule, "single_scene": SingleSceneModule}
+# Width of what is printed where the output is not a terminal.
+PLAIN_WIDTH = 120
+
+
+def train(config: DictConfig) -> None:
+    """Makes the data if it is missing, trains, tests, and fills the run folder `output`.
+
+    The same command again continues an unfinished run, and leaves a finished one alone.
+    """
+    use_threads(config)
+    quiet_lightning()
+    console = Console(soft_wrap=True) if Console().is_terminal else Console(width=PLAIN_WIDTH, soft_wrap=True)
+    folder, plain = Path(config.output), cast(dict[str, Any], OmegaConf.to_container(config))
+    regime, optimiser, laws = _regime(config), _optimiser(config), untrained_laws(config)
+    _plan(config, config.training.start)  # refuses wrong options before the data is made
+    if not config.overwrite and is_finished(folder, plain):
+        console.print(f"{folder} holds this run, finished: see {folder / METRICS}; overwrite=true trains it anew")
+        return
+
+    scenes = for_regime(_scenes(config), regime, config.regime.scene)
+    plan = _plan(config, scenes.start)
+    data = TrajectoryDataModule(
+        scenes.training, scenes.validation, plan, whole_number(config, "training.check_every"), precision_from(config)
+    )
+    for note in (*scenes.notes, f"segments start from {_start_in_words(scenes.start)}"):
+        console.print(note)
+    start_run(folder, plain, config.overwrite)
+    module = regime(laws, data.dataset.settings, optimiser, plan.iterations)
+    fitted = fit(module, data, folder, device_from(config), whole_number(config, "logger.every"), console)
+
+    notes = _notes(config, scenes, fitted)
+    write_weights(folder / WEIGHTS, fitted.best.weights, notes)
+    set_law_weights(laws, fitted.best.weights, str(folder / WEIGHTS))
+    report = Report(folder, scenes, fitted, notes, untrained_laws(config), laws)
+    write_report(report, device_from(config), precision_from(config), config.seed, config.picture, console)
+
+
+def untrained_laws(config: DictConfig) -> Laws:
+    """The neural laws of `material` and `model.*` as training with `seed` starts from them."""
+    torch.manual_seed(whole_number(config, "seed", least=0))
+    model = cast(dict[str, Any], OmegaConf.to_container(config.model))
+    laws = build_neural_laws(material_from(config), model)
+    for law in laws:
+        if law is not None:
+            law.to(device_from(config), precision_from(config))
+    return laws
+
+
+def _regime(config: DictConfig) -> type[ConstitutiveModule]:
+    if config.regime.name not in REGIMES:
+        raise unknown_name("regime", config.regime.name, REGIMES)
+    return REGIMES[config.regime.name]
+
+
+def _optimiser(config: DictConfig) -> OptimiserSettings:
+    clip = config.training.gradient_clip
+    return OptimiserSettings(float(config.training.learning_rate), gradient_clip=None if clip is None else float(clip))
+
+
+def _plan(config: DictConfig, start: str) -> SegmentPlan:
+    training = config.training
+    return SegmentPlan(
+        training.iterations,
+        training.batch_segments,
+        start,
+        training.segment_length.first,
+        training.segment_length.last,
+        training.loss_every,
+        config.seed,
+    )
+
+
+def _scenes(config: DictConfig) -> TrainingScenes:
+    """The user's own scenes where data.trajectories names them, the generated data set otherwise."""
+    material: Material = material_from(config)
+    if config.data.trajectories is None:
+        return generated_scenes(ready_data_set(config), material, config.training.start)
+    named = config.data.trajectories
+    paths = OmegaConf.create([named]) if isinstance(named, str) else named
+    if not OmegaConf.is_list(paths) or not all(isinstance(path, str) for path in paths) or not len(paths):
+        raise UserError(
+            f"data.trajectories={named} is not accepted; accepted: the path of a trajectory file, or a list of them"
+        )
+    return own_scenes([Path(path) for path in paths], material, config.training.start)
+
+
+def _notes(config: DictConfig, scenes: TrainingScenes, fitted: FitResult) -> dict[str, Any]:
+    """What is kept beside the weights: what they are weights of, and how they came about."""
+    return {
+        "material": config.material.name,
+        "regime": config.regime.name,
+        "training_start": scenes.start,
+        "positions_only": scenes.start == "initial",
+        "training_scenes": len(scenes.training),
+        "ranges": {name: list(span) for name, span in scenes.ranges.items()},
+        "iterations": config.training.iterations,
+        "best_iteration": fitted.best.iteration,
+        "validation_mse": fitted.best.mse,
+        "skipped_iterations": fitted.skipped,
+    }
+
+
+def _start_in_words(start: str) -> str:
+    return "recorded full states (keyframes)" if start == "keyframes" else "the initial state (positions only)"
+
+
+def main() -> None:
+    """The command."""
+    launcher.main(train, "train")
+
+
+if __name__ == "__main__":
+    main()

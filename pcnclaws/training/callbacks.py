@@ -1,0 +1,77 @@
+"""What a training run keeps: the loss curve, the best weights, and a checkpoint after every check."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import torch
+from lightning.pytorch import LightningModule, Trainer
+from lightning.pytorch.callbacks import Callback, Checkpoint
+from torch import Tensor
+
+from pcnclaws.laws.materials import Laws
+from pcnclaws.training.checkpoints import LAST
+from pcnclaws.training.weights import law_weights
+
+
+class History(Callback):
+    """The numbers of a run: the loss [m^2] of every iteration and the error [m^2] of every check."""
+
+    def __init__(self) -> None:
+        self.loss: list[float] = []
+        self.check_iteration: list[int] = []
+        self.check_mse: list[float] = []
+        self._epoch: list[Tensor] = []
+
+    def on_train_epoch_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        self._epoch = []
+
+    def on_train_batch_end(
+        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
+    ) -> None:
+        # kept on the device: asking for its value would wait for the device in every iteration
+        self._epoch.append(trainer.callback_metrics["loss"])
+
+    def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        self.loss += torch.stack(self._epoch).tolist()
+        self.check_iteration.append(trainer.global_step)
+        self.check_mse.append(float(trainer.callback_metrics["validation_mse"]))
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"loss": self.loss, "check_iteration": self.check_iteration, "check_mse": self.check_mse}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        self.loss, self.check_mse = list(state_dict["loss"]), list(state_dict["check_mse"])
+        self.check_iteration = list(state_dict["check_iteration"])
+
+
+class BestWeights(Callback):
+    """Remembers the weights of the check with the smallest error."""
+
+    def __init__(self, laws: Laws) -> None:
+        self.laws = laws
+        self.mse, self.iteration = math.inf, 0
+        self.weights: dict[str, Tensor] = {}
+
+    def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        mse = float(trainer.callback_metrics["validation_mse"])
+        if mse < self.mse:
+            self.mse, self.iteration = mse, trainer.global_step
+            self.weights = law_weights(self.laws)
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"mse": self.mse, "iteration": self.iteration, "weights": self.weights}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        self.mse, self.iteration = state_dict["mse"], state_dict["iteration"]
+        self.weights = state_dict["weights"]
+
+
+class CheckpointEachCheck(Checkpoint):
+    """Writes checkpoints/last.ckpt at the end of every epoch, after everything else has seen the epoch."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        trainer.save_checkpoint(self.folder / LAST)

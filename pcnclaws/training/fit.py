@@ -1,0 +1,79 @@
+"""One training run: Lightning's trainer with our callbacks, from scratch or from the newest checkpoint."""
+
+import logging
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from lightning.pytorch import Trainer
+from lightning.pytorch.loggers import TensorBoardLogger
+from rich.console import Console
+
+from pcnclaws.data.datamodule import TrajectoryDataModule
+from pcnclaws.errors import SimulationDiverged
+from pcnclaws.training.callbacks import BestWeights, CheckpointEachCheck, History
+from pcnclaws.training.checkpoints import AtomicCheckpointIO, newest_checkpoint
+from pcnclaws.training.module import ConstitutiveModule
+from pcnclaws.training.progress import TrainingProgress
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """What a finished run leaves: its curves, its best weights, and how many iterations were skipped."""
+
+    history: History
+    best: BestWeights
+    skipped: int
+
+
+def fit(
+    module: ConstitutiveModule,
+    data: TrajectoryDataModule,
+    folder: Path,
+    device: torch.device,
+    log_every: int = 10,
+    console: Console | None = None,
+) -> FitResult:
+    """Trains the module's laws and leaves the best weights in them.
+
+    folder    the run folder: checkpoints/ and tensorboard/ are written there, and an unfinished run is continued
+    log_every iterations from one TensorBoard entry to the next
+    raises    SimulationDiverged if no check of the run was finite
+    """
+    console = console or Console()
+    history, best = History(), BestWeights(module.laws)
+    checkpoints = folder / "checkpoints"
+    checkpoint = newest_checkpoint(checkpoints)
+    progress = TrainingProgress(data.dataset.plan.iterations, console)
+    trainer = Trainer(
+        accelerator="gpu" if device.type == "cuda" else "cpu",
+        devices=1,
+        plugins=[AtomicCheckpointIO()],
+        max_epochs=data.epochs,
+        gradient_clip_val=module.settings.gradient_clip,
+        logger=TensorBoardLogger(folder, name="tensorboard", version=""),
+        log_every_n_steps=min(log_every, data.check_every),
+        num_sanity_val_steps=0,
+        callbacks=[history, best, CheckpointEachCheck(checkpoints), progress],
+        enable_checkpointing=True,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+    )
+    with warnings.catch_warnings():
+        # a batch is made in a millisecond: worker processes would cost more than they save
+        warnings.filterwarnings("ignore", message=".*does not have many workers.*")
+        warnings.filterwarnings("ignore", message=".*treespec, LeafSpec.*")  # Lightning's own business
+        trainer.fit(module, datamodule=data, ckpt_path=checkpoint, weights_only=True)
+    if not best.weights:
+        raise SimulationDiverged(
+            "training failed: every check of the run diverged; "
+            "lower training.learning_rate or train for more iterations"
+        )
+    return FitResult(history, best, module.skipped)
+
+
+def quiet_lightning() -> None:
+    """Lightning's announcements of what hardware it found are not for the users of this package."""
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    logging.getLogger("lightning.fabric").setLevel(logging.WARNING)

@@ -1,0 +1,161 @@
+"""The Lightning module that both regimes share: rollout, loss, optimiser, and the check by a full rollout."""
+
+import logging
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import torch
+from lightning.pytorch import LightningModule
+from torch import Tensor, nn
+
+from pcnclaws.data.dataset import SegmentBatch
+from pcnclaws.data.records import SceneRecord
+from pcnclaws.data.scenes import simulate_records, start_of
+from pcnclaws.errors import SimulationDiverged, UserError
+from pcnclaws.laws.materials import Laws
+from pcnclaws.metrics import position_mse
+from pcnclaws.mpm.integrator import MPMIntegrator
+from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.rollout import differentiable_rollout
+from pcnclaws.simulator import Simulator
+from pcnclaws.training.losses import position_loss
+
+log = logging.getLogger(__name__)
+
+# Squared metres are tiny numbers; the optimiser sees the loss times this, so that its epsilon does not matter.
+LOSS_SCALE = 1e4
+# Above this many particle-steps in a batch the graph of a segment (some 20 kB each) is not kept but computed again.
+MOST_PARTICLE_STEPS = 100_000
+# So many iterations in a row without a finite gradient end a run.
+MOST_SKIPPED = 20
+
+
+@dataclass(frozen=True)
+class OptimiserSettings:
+    """Adam with cosine annealing, one step of the schedule an iteration.
+
+    learning_rate        at the first iteration
+    final_learning_rate  at the last one
+    gradient_clip        largest norm of the gradient of 1e4 times the loss; None clips nothing
+    recompute            save memory by computing each step twice; None decides by the size of the batch
+    """
+
+    learning_rate: float = 3e-3
+    final_learning_rate: float = 0.0
+    gradient_clip: float | None = None
+    recompute: bool | None = None
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.learning_rate) and self.learning_rate > 0.0):
+            raise UserError(f"training.learning_rate={self.learning_rate} is not accepted; accepted: a positive number")
+        if not 0.0 <= self.final_learning_rate <= self.learning_rate:
+            raise UserError(
+                f"training.final_learning_rate={self.final_learning_rate} is not accepted; "
+                f"accepted: 0 to training.learning_rate={self.learning_rate:g}"
+            )
+        if self.gradient_clip is not None and not self.gradient_clip > 0.0:
+            raise UserError(
+                f"training.gradient_clip={self.gradient_clip} is not accepted; "
+                "accepted: a positive number, or null for none"
+            )
+
+
+class ConstitutiveModule(LightningModule, ABC):
+    """Trains the laws of a material by differentiating through the simulation.
+
+    laws        neural laws, trained in place
+    settings    the simulation settings that the batches' group numbers stand for
+    optimiser   see OptimiserSettings
+    iterations  length of the learning-rate schedule
+    """
+
+    def __init__(
+        self, laws: Laws, settings: Sequence[SimulationSettings], optimiser: OptimiserSettings, iterations: int
+    ) -> None:
+        super().__init__()
+        self.laws = laws
+        self.simulators = nn.ModuleList(Simulator(*laws, MPMIntegrator(setting)) for setting in settings)
+        self.settings, self.iterations = optimiser, iterations
+        self.skipped = self.skipped_in_row = 0
+
+    @staticmethod
+    @abstractmethod
+    def choose_scenes(records: Sequence[SceneRecord], scene: str | int | None) -> list[SceneRecord]:
+        """The scenes that the regime trains on; `scene` is the option regime.scene."""
+
+    def training_step(self, batch: SegmentBatch, batch_idx: int) -> Tensor:
+        simulator = cast(Simulator, self.simulators[batch.group])
+        recompute = self.settings.recompute
+        if recompute is None:
+            recompute = batch.steps * batch.scenes.mass.numel() > MOST_PARTICLE_STEPS
+        predicted = differentiable_rollout(
+            simulator, batch.state, batch.scenes, batch.parameters, batch.steps, batch.every, recompute
+        )
+        loss = position_loss(predicted, batch.target)
+        self.log("loss", loss.detach(), batch_size=1)
+        self.log("segment_length", float(batch.steps), batch_size=1)
+        self.log("learning_rate", self.trainer.optimizers[0].param_groups[0]["lr"], batch_size=1)
+        return LOSS_SCALE * loss
+
+    def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
+        """Watches the gradient: an iteration without a finite one leaves the weights and the optimiser as they are."""
+        gradients = [weight.grad for weight in self.parameters() if weight.grad is not None]
+        norm = nn.utils.get_total_norm(gradients)
+        self.log("gradient_norm", norm, batch_size=1)
+        if bool(torch.isfinite(norm)):
+            self.skipped_in_row = 0
+            return
+        optimizer.zero_grad(set_to_none=True)
+        self.skipped, self.skipped_in_row = self.skipped + 1, self.skipped_in_row + 1
+        log.warning(
+            "iteration %d skipped: its gradient is not finite (%d skipped so far)",
+            self.trainer.global_step,
+            self.skipped,
+        )
+        if self.skipped_in_row >= MOST_SKIPPED:
+            raise SimulationDiverged(
+                f"training diverged: no finite gradient in {MOST_SKIPPED} iterations in a row up to iteration "
+                f"{self.trainer.global_step}; lower training.learning_rate or shorten training.segment_length"
+            )
+
+    def validation_step(self, batch: list[SceneRecord], batch_idx: int) -> None:
+        self.log("validation_mse", self.rollout_error(batch), batch_size=1)
+
+    def rollout_error(self, records: Sequence[SceneRecord]) -> float:
+        """Mean position MSE [m^2] of whole rollouts of recorded scenes; infinite if one diverges."""
+        weight = next(self.parameters())
+        steps = [record.frame_steps() for record in records]
+        every = math.gcd(*(int(step) for of_scene in steps for step in of_scene))
+        try:
+            rollouts = simulate_records(
+                [start_of(record) for record in records],
+                self.laws,
+                max(int(of_scene[-1]) for of_scene in steps),
+                every,
+                dtype=weight.dtype,
+                device=weight.device,
+            )
+        except SimulationDiverged as divergence:
+            log.warning("check failed: %s", divergence)
+            return math.inf
+        errors = [
+            position_mse(rollout.position[of_scene // every], record.position)
+            for rollout, of_scene, record in zip(rollouts, steps, records, strict=True)
+        ]
+        return sum(errors) / len(errors)
+
+    def configure_optimizers(self) -> Any:
+        optimiser = torch.optim.Adam(self.parameters(), lr=self.settings.learning_rate)
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(
+            optimiser, T_max=self.iterations, eta_min=self.settings.final_learning_rate
+        )
+        return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        checkpoint["skipped"] = [self.skipped, self.skipped_in_row]
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        self.skipped, self.skipped_in_row = checkpoint["skipped"]

@@ -1,0 +1,101 @@
+"""Which scenes a run trains on and which it is checked with."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pcnclaws.data.hdf5 import read_scenes
+from pcnclaws.data.records import SceneRecord
+from pcnclaws.data.scenes import start_of
+from pcnclaws.errors import UserError
+from pcnclaws.laws.materials import Material
+from pcnclaws.training.module import ConstitutiveModule
+
+# Share of a user's own scenes that is kept for the checks, and the fewest scenes that can spare one.
+VALIDATION_SHARE, FEWEST_TO_SPLIT = 0.15, 3
+
+
+@dataclass(frozen=True)
+class TrainingScenes:
+    """The scenes of a run.
+
+    test    scenes for the numbers at the end, never trained on
+    start   'keyframes' or 'initial', what the segments begin with
+    ranges  span of each physical parameter that the law will be trained on
+    notes   what the user should know about the choice, one line each
+    """
+
+    training: list[SceneRecord]
+    validation: list[SceneRecord]
+    test: list[SceneRecord]
+    start: str
+    ranges: Mapping[str, tuple[float, float]]
+    notes: tuple[str, ...] = ()
+
+
+def own_scenes(paths: Sequence[Path], material: Material, start: str) -> TrainingScenes:
+    """The scenes of the user's own trajectory files; the last of them for the checks when there are enough.
+
+    raises  UserError if a scene is of another material, or lacks a parameter or its initial velocity
+    """
+    records = [record for path in paths for record in _checked(path, material)]
+    spare = max(1, round(VALIDATION_SHARE * len(records))) if len(records) >= FEWEST_TO_SPLIT else 0
+    training, validation = records[: len(records) - spare], records[len(records) - spare :]
+    notes = [
+        f"{len(training)} scenes to train on, {len(validation)} for the checks: "
+        f"{', '.join(record.name for record in validation)}"
+        if validation
+        else f"the checks use the training scenes: fewer than {FEWEST_TO_SPLIT} scenes"
+    ]
+    if start == "keyframes" and not all(_can_restart(record) for record in training):
+        start = "initial"
+        notes.append("training.start=initial: scenes without keyframes train on positions only")
+    checks = validation or training
+    return TrainingScenes(training, checks, checks, start, _spans(training, material.parameter_names), tuple(notes))
+
+
+def generated_scenes(files: Mapping[str, Sequence[Path]], material: Material, start: str) -> TrainingScenes:
+    """The scenes of a generated data set, by split; the material's test-only objects for the test."""
+    splits = {split: [record for path in paths for record in read_scenes(path)] for split, paths in files.items()}
+    notes = (
+        f"{len(splits['train'])} scenes to train on, {len(splits['validation'])} for the checks, "
+        f"{len(splits['test'])} unseen objects for the test",
+    )
+    return TrainingScenes(splits["train"], splits["validation"], splits["test"], start, material.ranges, notes)
+
+
+def for_regime(scenes: TrainingScenes, module: type[ConstitutiveModule], scene: str | int | None) -> TrainingScenes:
+    """The scenes that a regime trains on. A law of one scene is checked with that scene."""
+    chosen = module.choose_scenes(scenes.training, scene)
+    if len(chosen) == len(scenes.training):
+        return scenes
+    note = f"trains on scene '{chosen[0].name}' alone; the checks and the first line of the test use it too"
+    return TrainingScenes(
+        chosen, chosen, chosen + scenes.test, scenes.start, _spans(chosen, scenes.ranges), (*scenes.notes, note)
+    )
+
+
+def _spans(records: Sequence[SceneRecord], names: Iterable[str]) -> dict[str, tuple[float, float]]:
+    """Smallest and largest value of each physical parameter."""
+    values = {name: [record.parameters[name] for record in records] for name in names}
+    return {name: (min(of_name), max(of_name)) for name, of_name in values.items()}
+
+
+def _can_restart(record: SceneRecord) -> bool:
+    """Whether a scene holds full states beyond its first frame."""
+    return record.keyframes is not None and bool((record.keyframes.step > 0).any())
+
+
+def _checked(path: Path, material: Material) -> list[SceneRecord]:
+    records = read_scenes(path)
+    for record in records:
+        if record.material != material.name:
+            raise UserError(
+                f"{record.label} is of material '{record.material}'; "
+                f"accepted: {material.name}, or material={record.material} on the command line"
+            )
+        start_of(record)  # refuses what cannot be simulated
+    return [
+        replace(record, parameters={name: record.parameters[name] for name in material.parameter_names})
+        for record in records
+    ]

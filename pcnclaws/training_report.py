@@ -1,0 +1,111 @@
+"""What a training run ends with: errors before and after on unseen objects, as table, JSON and pictures."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from rich.console import Console
+from rich.progress import Progress
+
+from pcnclaws.data.records import SceneRecord
+from pcnclaws.errors import SimulationDiverged
+from pcnclaws.evaluation.builtin import paper_errors
+from pcnclaws.evaluation.gallery import leave_pictures
+from pcnclaws.evaluation.provenance import provenance
+from pcnclaws.evaluation.report import metrics, results_table, write_metrics
+from pcnclaws.evaluation.tasks import SceneResult, evaluate_records, steps_to_run
+from pcnclaws.laws.materials import Laws, material_named
+from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.rendering.curves import LossCurve, loss_curve
+from pcnclaws.runs import METRICS
+from pcnclaws.training.fit import FitResult
+from pcnclaws.training.sources import TrainingScenes
+
+# Length of the motions behind the paper's numbers [steps].
+PAPER_STEPS = 500
+
+
+@dataclass(frozen=True)
+class Report:
+    """A finished training and what it started from. notes: plain values kept with the results."""
+
+    folder: Path
+    scenes: TrainingScenes
+    fitted: FitResult
+    notes: dict[str, Any]
+    untrained: Laws
+    trained: Laws
+
+
+def write_report(
+    report: Report, device: torch.device, dtype: torch.dtype, seed: int, pictures: bool, console: Console
+) -> None:
+    """Tests the law before and after training, prints the table, and writes metrics.json and the pictures."""
+    after = _results(report.scenes.test, report.trained, device, dtype, "test after training", console)
+    before = _results_or_none(report, device, dtype, console)
+    published = _published(report.scenes.test)
+    start = "positions only" if report.notes["positions_only"] else "segments from keyframes"
+    title = f"{report.notes['material']}, {report.notes['regime']}, {start}: {len(after)} scenes"
+    console.print(results_table(after, title, before, published))
+    for path in _pictures(report, after, before) if pictures else ():
+        console.print(f"wrote {path}")
+    origin = provenance(seed, device) | {"precision": str(dtype).removeprefix("torch.")}
+    write_metrics(report.folder / METRICS, _metrics(report, after, before, published) | {"provenance": origin})
+    console.print(f"wrote {report.folder / METRICS}")
+    console.print(f"use it with law={report.folder}")
+
+
+def _results(
+    records: list[SceneRecord], laws: Laws, device: torch.device, dtype: torch.dtype, what: str, console: Console
+) -> list[SceneResult]:
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(what, total=steps_to_run(records))
+        return evaluate_records(records, laws, dtype, device, lambda steps: progress.advance(task, steps))
+
+
+def _results_or_none(report: Report, device: torch.device, dtype: torch.dtype, console: Console) -> list[SceneResult]:
+    """The same numbers before training: what the structure of the law alone gives; none if that diverges."""
+    try:
+        return _results(report.scenes.test, report.untrained, device, dtype, "test before training", console)
+    except SimulationDiverged as divergence:
+        console.print(f"before training: {divergence}")
+        return []
+
+
+def _published(records: list[SceneRecord]) -> dict[str, float]:
+    """The paper's errors of the test scenes that are the paper's, in its setting."""
+    known = paper_errors(material_named(records[0].material))
+    return {
+        record.name: known[record.name]
+        for record in records
+        if record.name in known
+        and record.settings == SimulationSettings()
+        and int(record.frame_steps()[-1]) == PAPER_STEPS
+    }
+
+
+def _metrics(
+    report: Report, after: list[SceneResult], before: list[SceneResult], published: dict[str, float]
+) -> dict[str, Any]:
+    history = report.fitted.history
+    values = metrics(after)
+    earlier = {result.name: result.mse for result in before}
+    for scene in values["scenes"]:
+        scene["mse_before_training"] = earlier.get(scene["name"])
+        scene["mse_paper"] = published.get(scene["name"])
+    return values | {
+        "mse_before_training": metrics(before)["mse"] if before else None,
+        "training": report.notes,
+        "history": {"loss": history.loss, "check_iteration": history.check_iteration, "check_mse": history.check_mse},
+    }
+
+
+def _pictures(report: Report, after: list[SceneResult], before: list[SceneResult]) -> list[Path]:
+    history = report.fitted.history
+    loss = loss_curve(
+        LossCurve(range(1, len(history.loss) + 1), history.loss),
+        report.folder / "loss.png",
+        LossCurve(history.check_iteration, history.check_mse),
+    )
+    return [loss, *leave_pictures(after, report.folder, "test", before)]

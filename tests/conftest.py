@@ -1,0 +1,54 @@
+"""What all tests share: one thread each, and commands run as a user runs them or, faster, in this process."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import torch
+from omegaconf import DictConfig
+
+from pcnclaws import launcher
+
+os.environ["OMP_NUM_THREADS"] = "1"
+torch.set_num_threads(1)
+
+
+class Outcome(NamedTuple):
+    """What a command left: its exit status and what it said."""
+
+    status: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def in_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., Outcome]:
+    """Runs a task under the launcher in this process, from an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(task: Callable[[DictConfig], None], entry: str, *arguments: str) -> Outcome:
+        capsys.readouterr()
+        status = launcher.run(task, entry, arguments)
+        said = capsys.readouterr()
+        return Outcome(status, said.out, said.err)
+
+    return run
+
+
+@pytest.fixture
+def command(tmp_path: Path) -> Callable[..., Outcome]:
+    """Runs `python -m pcnclaws.<entry>` in a process of its own, from an empty folder."""
+
+    def run(entry: str, *arguments: str) -> Outcome:
+        done = subprocess.run(
+            [sys.executable, "-m", f"pcnclaws.{entry}", *arguments], cwd=tmp_path, capture_output=True, text=True
+        )
+        return Outcome(done.returncode, done.stdout, done.stderr)
+
+    return run

@@ -1,0 +1,75 @@
+"""The neural laws keep what their structure promises, whatever their weights are."""
+
+import pytest
+import torch
+from bodies import per_particle, seeded
+from law_checks import COUNT, check_elasticity, check_plasticity, deformations, rotations
+
+from pcnclaws.errors import UserError
+from pcnclaws.laws.elasticity import StVKHencky
+from pcnclaws.laws.materials import MATERIALS, Laws
+from pcnclaws.laws.neural import build_neural_laws
+from pcnclaws.linalg3 import identity_like, matmul, transpose
+
+
+def with_random_weights(material: str, name: str, size: float) -> Laws:
+    """Neural laws in float64 whose weights are displaced at random."""
+    laws, generator = build_neural_laws(MATERIALS[material], {"name": name, "width": 16}), seeded(40)
+    with torch.no_grad():
+        for law in laws:
+            for weight in law.double().parameters() if law is not None else ():
+                weight += size * torch.randn(weight.shape, generator=generator, dtype=torch.float64)
+    return laws
+
+
+@pytest.mark.parametrize("size", [0.0, 0.3])
+@pytest.mark.parametrize("material", list(MATERIALS))
+def test_the_default_laws_obey_what_laws_must(material: str, size: float) -> None:
+    laws = with_random_weights(material, "pcnclaws", size)
+    check_elasticity(laws.elasticity, MATERIALS[material].defaults)
+    if laws.plasticity is not None:
+        # the learned yield surface depends on the strain itself, so that a second return may flow a little more
+        check_plasticity(laws.plasticity, MATERIALS[material].defaults, idempotent=False)
+
+
+def test_the_untrained_default_elasticity_is_the_hencky_law() -> None:
+    laws, parameters = with_random_weights("elasticity", "pcnclaws", 0.0), MATERIALS["elasticity"].defaults
+    f, values = deformations(41, 0.2), per_particle(parameters, COUNT)
+    torch.testing.assert_close(laws.elasticity(f, values), StVKHencky()(f, values), rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.parametrize("material", list(MATERIALS))
+def test_the_laws_of_the_paper_are_objective_and_differentiable_at_rest(material: str) -> None:
+    laws = with_random_weights(material, "pcnclaws_paper", 0.1)
+    f, turn = deformations(42, 0.1), rotations(43)
+    parameters = per_particle(MATERIALS[material].defaults, COUNT)
+    stress = laws.elasticity(f, parameters)
+    turned = matmul(matmul(turn, stress), transpose(turn))
+    torch.testing.assert_close(laws.elasticity(matmul(turn, f), parameters), turned, rtol=0, atol=1e-4)
+    rest = identity_like(f).repeat(1, 1, COUNT).requires_grad_()
+    total = laws.elasticity(rest, parameters).sum()
+    if laws.plasticity is not None:
+        elastic = laws.plasticity(f, parameters)
+        torch.testing.assert_close(laws.plasticity(matmul(turn, f), parameters), matmul(turn, elastic))
+        total = total + laws.plasticity(rest, parameters).sum()
+    (gradient,) = torch.autograd.grad(total, rest)
+    assert torch.isfinite(gradient).all()
+
+
+@pytest.mark.parametrize("name", ["pcnclaws", "pcnclaws_paper"])
+def test_an_elastic_material_has_no_plastic_network(name: str) -> None:
+    assert build_neural_laws(MATERIALS["elasticity"], {"name": name}).plasticity is None
+
+
+@pytest.mark.parametrize(
+    ("model", "named"),
+    [
+        ({"name": "pcnclaw"}, "did you mean 'pcnclaws'"),
+        ({"name": "pcnclaws", "widht": 3}, "did you mean 'width'"),
+        ({"name": "pcnclaws", "width": 0}, "model.width=0"),
+        ({"name": "pcnclaws", "width": "64"}, "model.width=64"),
+    ],
+)
+def test_a_model_that_is_not_known_is_refused_by_name(model: dict[str, object], named: str) -> None:
+    with pytest.raises(UserError, match=named):
+        build_neural_laws(MATERIALS["sand"], model)

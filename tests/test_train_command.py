@@ -1,0 +1,182 @@
+"""python -m pcnclaws.train on a user's own file, killed and continued, and refused where the input is wrong."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from conftest import Outcome
+from training_bodies import NeoHookean, recorded
+
+from pcnclaws.data.hdf5 import write_scenes
+from pcnclaws.runs import CONFIG, METRICS, WEIGHTS, load_run
+from pcnclaws.train import train
+from pcnclaws.training.checkpoints import LAST, PREVIOUS, newest_checkpoint
+from pcnclaws.training.weights import read_weights
+
+SMALL = ("material=elasticity", "model.width=8", "training.batch_segments=2", "threads=1", "picture=false")
+SHORT = (
+    "training.iterations=2",
+    "training.check_every=1",
+    "training.segment_length.first=10",
+    "training.segment_length.last=10",
+)
+LONGER = (
+    "training.iterations=8",
+    "training.check_every=2",
+    "training.segment_length.first=10",
+    "training.segment_length.last=20",
+)
+
+
+@pytest.fixture(scope="module")
+def positions_only(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four neo-Hookean bodies: their law is neither ours nor of our networks. Positions and initial velocities only."""
+    path = tmp_path_factory.mktemp("own") / "bodies.h5"
+    write_scenes(path, [replace(record, velocity=None) for record in recorded(4, NeoHookean(), keyframes=False)])
+    return path
+
+
+def test_a_users_own_file_trains_on_positions_only(
+    in_process: Callable[..., Outcome], positions_only: Path, tmp_path: Path
+) -> None:
+    options = (
+        *SMALL,
+        f"data.trajectories={positions_only}",
+        "output=run",
+        "training.iterations=8",
+        "training.check_every=4",
+        "training.learning_rate=0.01",
+        "training.segment_length.first=20",
+        "training.segment_length.last=20",
+    )
+    done = in_process(train, "train", *options)
+    assert done.status == 0, done.err
+    assert "3 scenes to train on, 1 for the checks: body_3" in done.out
+    assert "training.start=initial: scenes without keyframes train on positions only" in done.out
+    metrics = json.loads((tmp_path / "run" / METRICS).read_text())
+    assert metrics["training"]["positions_only"] is True
+    assert metrics["mse"] < metrics["mse_before_training"]
+    assert len(metrics["history"]["loss"]) == 8
+    assert [scene["name"] for scene in metrics["scenes"]] == ["body_3"]
+    assert load_run(tmp_path / "run").ranges["youngs_modulus"] == pytest.approx((2e4, 3.2e4))
+
+    again = in_process(train, "train", *options)
+    assert (again.status, again.err) == (0, "")
+    assert "run holds this run, finished" in again.out
+    other = in_process(train, "train", *options, "seed=5")
+    assert other.status == 2
+    assert "output=run holds a run of another configuration (seed: 0 there, 5 asked for)" in other.err
+
+
+def test_the_same_command_continues_a_killed_run_bit_for_bit(
+    in_process: Callable[..., Outcome], positions_only: Path, tmp_path: Path
+) -> None:
+    options = (*SMALL, *LONGER, f"data.trajectories={positions_only}")
+    checkpoints = tmp_path / "killed" / "checkpoints"
+    _kill_once(
+        lambda: all((checkpoints / name).exists() for name in (LAST, PREVIOUS)), tmp_path, *options, "output=killed"
+    )
+    assert not (tmp_path / "killed" / WEIGHTS).exists(), "it was not finished"
+    shutil.copytree(tmp_path / "killed", tmp_path / "damaged")
+    last = tmp_path / "damaged" / "checkpoints" / LAST
+    last.write_bytes(last.read_bytes()[:5000])
+
+    for output in ("killed", "damaged", "whole"):
+        done = in_process(train, "train", *options, f"output={output}")
+        assert done.status == 0, done.err
+    weights, notes = read_weights(tmp_path / "whole" / WEIGHTS)
+    for output in ("killed", "damaged"):
+        continued, continued_notes = read_weights(tmp_path / output / WEIGHTS)
+        assert all(torch.equal(weight, continued[name]) for name, weight in weights.items()), output
+        assert continued_notes == notes
+        histories = [json.loads((tmp_path / name / METRICS).read_text())["history"] for name in ("whole", output)]
+        assert histories[0] == histories[1]
+
+
+def test_a_truncated_checkpoint_is_never_taken(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    torch.save({"a": torch.arange(1000)}, tmp_path / PREVIOUS)
+    whole = (tmp_path / PREVIOUS).read_bytes()
+    for size in (0, 10, len(whole) // 2, len(whole) - 1):
+        (tmp_path / LAST).write_bytes(whole[:size])
+        assert newest_checkpoint(tmp_path) == tmp_path / PREVIOUS
+    assert "last.ckpt is damaged and is passed over" in caplog.text
+    torch.save({"a": np.dtype}, tmp_path / LAST)
+    assert newest_checkpoint(tmp_path) == tmp_path / PREVIOUS, "a file that names code is not loaded"
+    (tmp_path / PREVIOUS).unlink()
+    assert newest_checkpoint(tmp_path) is None
+
+
+def test_wrong_input_is_one_line_and_leaves_nothing(
+    in_process: Callable[..., Outcome], positions_only: Path, tmp_path: Path
+) -> None:
+    record = recorded(1)[0]
+    write_scenes(tmp_path / "no_nu.h5", [replace(record, parameters={"youngs_modulus": 2e4})])
+    write_scenes(tmp_path / "still.h5", [replace(record, initial_velocity=None, velocity=None, keyframes=None)])
+    file = f"data.trajectories={positions_only}"
+    for option, message in (
+        (("data.trajectories=no_nu.h5",), "parameters.poissons_ratio is missing"),
+        (("data.trajectories=still.h5",), "initial_velocity"),
+        (("data.trajectories=nowhere.h5",), "nowhere.h5: no such file"),
+        (("data.trajectories=3",), "data.trajectories=3 is not accepted"),
+        ((file, "material=sand"), "is of material 'elasticity'; accepted: sand"),
+        ((file, "training.start=keyframe"), "did you mean 'keyframes'"),
+        ((file, "training.learning_rate=0"), "training.learning_rate=0.0"),
+        ((file, "training.iterations=0"), "training.iterations=0"),
+        ((file, "training.iterations=3", "training.check_every=2"), "divisor of training.iterations=3"),
+        ((file, "regime.scene=1"), "regime.scene=1 is not accepted with regime=multi_scene"),
+        ((file, "regime=single_scene", "regime.scene=body_9"), "regime.scene='body_9' is not known"),
+        ((file, "model.width=0"), "model.width=0"),
+    ):
+        done = in_process(train, "train", *SMALL, *SHORT, *option, "output=run")
+        assert done.status == 2, (option, done)
+        assert message in done.err
+        assert len(done.err.splitlines()) == 1, done.err
+        assert not (tmp_path / "run").exists(), option
+
+
+def test_a_run_of_one_scene_is_checked_with_it(
+    in_process: Callable[..., Outcome], positions_only: Path, tmp_path: Path
+) -> None:
+    done = in_process(
+        train,
+        "train",
+        *SMALL,
+        *SHORT,
+        f"data.trajectories=[{positions_only}]",
+        "regime=single_scene",
+        "regime.scene=body_1",
+        "output=run",
+        "training.start=initial",
+    )
+    assert done.status == 0, done.err
+    assert "trains on scene 'body_1' alone" in done.out
+    metrics = json.loads((tmp_path / "run" / METRICS).read_text())
+    assert [scene["name"] for scene in metrics["scenes"]] == ["body_1", "body_3"]
+    assert (tmp_path / "run" / CONFIG).is_file()
+
+
+def _kill_once(ready: Callable[[], bool], folder: Path, *options: str) -> None:
+    """Starts the command in a process of its own and kills it as soon as `ready`."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pcnclaws.train", *options],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+    deadline = time.monotonic() + 120.0
+    while not ready():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()
