@@ -74,7 +74,18 @@ def _speed(start: SceneStart) -> float:
 
 @contextmanager
 def _progress() -> Iterator[Report]:
-    """A progress bar with the time left, on stderr, gone when done."""
+    """A progress bar with the time left, on stderr, gone when done; where nobody watches, a line for each split."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        said = set()
+
+        def say(description: str, done: int, total: int) -> None:
+            if description not in said:
+                said.add(description)
+                console.print(f"making data: {description}, {done / total:.0%} done")
+
+        yield say
+        return
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -82,7 +93,7 @@ def _progress() -> Iterator[Report]:
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("data set", total=None)
 
         def report(description: str, done: int, total: int) -> None:

@@ -3,6 +3,7 @@
 import logging
 import shutil
 from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -52,8 +53,10 @@ def load_run(folder: str | Path, option: str = "law") -> LoadedRun:
     """The laws of a run folder, ready to simulate; UserError if a file is missing, damaged or unfit."""
     folder = Path(folder)
     if not folder.is_dir():
+        close = get_close_matches(str(folder), ("analytic", "pretrained"), n=1)
+        hint = f"; did you mean '{close[0]}'?" if close else ""
         raise UserError(
-            f"{option}={folder} is not a folder; accepted: analytic, pretrained, or the path of a run folder"
+            f"{option}={folder} is not a folder; accepted: analytic, pretrained, or the path of a run folder{hint}"
         )
     config = read_config(folder)
     if not isinstance(config.get("material"), dict) or not isinstance(config.get("model"), dict):

@@ -108,4 +108,4 @@ def _pictures(report: Report, after: list[SceneResult], before: list[SceneResult
         report.folder / "loss.png",
         LossCurve(history.check_iteration, history.check_mse),
     )
-    return [loss, *leave_pictures(after, report.folder, "test", before)]
+    return [loss, *leave_pictures(after, report.folder, "predicted", before)]

@@ -42,7 +42,8 @@ LONGER = (
 def positions_only(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four neo-Hookean bodies: their law is neither ours nor of our networks. Positions and initial velocities only."""
     path = tmp_path_factory.mktemp("own") / "bodies.h5"
-    write_scenes(path, [replace(record, velocity=None) for record in recorded(4, NeoHookean(), keyframes=False)])
+    bodies = recorded(4, NeoHookean(), keyframes=False)
+    write_scenes(path, [replace(body, velocity=None, material="neo_hookean") for body in bodies])
     return path
 
 

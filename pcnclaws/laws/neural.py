@@ -32,8 +32,11 @@ from pcnclaws.tensor_types import Matrices, Parameters, Scalars
 
 # Strains are divided by this before they enter a network: the inputs are then of order one in soft bodies.
 STRAIN_SCALE = 0.1
-# Yield strain of the untrained law where the material has no yield stress to scale it with.
-REFERENCE_YIELD_STRAIN = 1e-3
+# Cohesion and tensile limit of the untrained law, as strains, where the material has no yield stress to scale them
+# with: such a material knows no stress beside its moduli, and is nearly free of cohesion unless training finds some.
+REFERENCE_YIELD_STRAIN = 1e-4
+# Largest factor e^12 between a limit and its reference.
+LARGEST_LOG = 12.0
 # softplus(SOFTPLUS_ONE) = 1
 SOFTPLUS_ONE = 0.5413248546129181
 
@@ -112,7 +115,10 @@ class PlasticNet(Plasticity):
         size = (shear.square() + volumetric.square() + 1e-8).sqrt()
         direction = torch.stack((volumetric / size, 3.0 * determinant(dev) * 6.0**0.5 / (shear + 1e-4).pow(3)))
         features = torch.cat((direction, size[None] / STRAIN_SCALE, self.condition(parameters)))
-        return functional.softplus(SOFTPLUS_ONE + 4.0 * self.network(features)).unbind(0)
+        of_tension, of_cohesion, of_friction = self.network(features)
+        # limits are learned on a logarithmic scale: they may differ by orders of magnitude from the first guess
+        limits = torch.exp(LARGEST_LOG * torch.tanh(torch.stack((of_tension, of_cohesion)) * (4.0 / LARGEST_LOG)))
+        return limits[0], limits[1], functional.softplus(SOFTPLUS_ONE + 4.0 * of_friction)
 
 
 VARIANTS = {"pcnclaws": (ElasticNet, PlasticNet), "pcnclaws_paper": (PaperElasticNet, PaperPlasticNet)}

@@ -25,8 +25,9 @@ from pcnclaws.training.losses import position_loss
 
 log = logging.getLogger(__name__)
 
-# Squared metres are tiny numbers; the optimiser sees the loss times this, so that its epsilon does not matter.
-LOSS_SCALE = 1e4
+# Squared metres are tiny numbers: the optimiser sees the loss times this, so that gradients stay far above its epsilon
+# of 1e-8 (with 1e4 the last digits of training were lost to it).
+LOSS_SCALE = 1e8
 # Above this many particle-steps in a batch the graph of a segment (some 20 kB each) is not kept but computed again.
 MOST_PARTICLE_STEPS = 100_000
 # So many iterations in a row without a finite gradient end a run.
@@ -39,7 +40,7 @@ class OptimiserSettings:
 
     learning_rate        at the first iteration
     final_learning_rate  at the last one
-    gradient_clip        largest norm of the gradient of 1e4 times the loss; None clips nothing
+    gradient_clip        largest norm of the gradient of 1e8 times the loss; None clips nothing
     recompute            save memory by computing each step twice; None decides by the size of the batch
     """
 

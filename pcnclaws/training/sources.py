@@ -8,7 +8,8 @@ from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import start_of
 from pcnclaws.errors import UserError
-from pcnclaws.laws.materials import Material
+from pcnclaws.laws.materials import MATERIALS, Material
+from pcnclaws.laws.parameters import validate_parameters
 from pcnclaws.training.module import ConstitutiveModule
 
 # Share of a user's own scenes that is kept for the checks, and the fewest scenes that can spare one.
@@ -89,13 +90,23 @@ def _can_restart(record: SceneRecord) -> bool:
 def _checked(path: Path, material: Material) -> list[SceneRecord]:
     records = read_scenes(path)
     for record in records:
-        if record.material != material.name:
+        # a name of the user's own is a body whose law is in no table: only its parameters must be the material's
+        if record.material in MATERIALS and record.material != material.name:
             raise UserError(
                 f"{record.label} is of material '{record.material}'; "
                 f"accepted: {material.name}, or material={record.material} on the command line"
             )
+        validate_parameters(
+            {name: record.parameters[name] for name in material.parameter_names if name in record.parameters},
+            material.parameter_names,
+            f"{record.label}: parameters",
+        )
         start_of(record)  # refuses what cannot be simulated
     return [
-        replace(record, parameters={name: record.parameters[name] for name in material.parameter_names})
+        replace(
+            record,
+            material=material.name,
+            parameters={name: record.parameters[name] for name in material.parameter_names},
+        )
         for record in records
     ]
