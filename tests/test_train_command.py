@@ -54,9 +54,9 @@ def test_a_users_own_file_trains_on_positions_only(
         *SMALL,
         f"data.trajectories={positions_only}",
         "output=run",
-        "training.iterations=8",
-        "training.check_every=4",
-        "training.learning_rate=0.01",
+        "training.iterations=24",
+        "training.check_every=12",
+        "training.learning_rate=0.002",
         "training.segment_length.first=20",
         "training.segment_length.last=20",
     )
@@ -67,7 +67,7 @@ def test_a_users_own_file_trains_on_positions_only(
     metrics = json.loads((tmp_path / "run" / METRICS).read_text())
     assert metrics["training"]["positions_only"] is True
     assert metrics["mse"] < metrics["mse_before_training"]
-    assert len(metrics["history"]["loss"]) == 8
+    assert len(metrics["history"]["loss"]) == 24
     assert [scene["name"] for scene in metrics["scenes"]] == ["body_3"]
     assert load_run(tmp_path / "run").ranges["youngs_modulus"] == pytest.approx((2e4, 3.2e4))
 
@@ -123,13 +123,15 @@ def test_wrong_input_is_one_line_and_leaves_nothing(
     record = recorded(1)[0]
     write_scenes(tmp_path / "no_nu.h5", [replace(record, parameters={"youngs_modulus": 2e4})])
     write_scenes(tmp_path / "still.h5", [replace(record, initial_velocity=None, velocity=None, keyframes=None)])
+    write_scenes(tmp_path / "ours.h5", [record])
     file = f"data.trajectories={positions_only}"
     for option, message in (
         (("data.trajectories=no_nu.h5",), "parameters.poissons_ratio is missing"),
         (("data.trajectories=still.h5",), "initial_velocity"),
         (("data.trajectories=nowhere.h5",), "nowhere.h5: no such file"),
         (("data.trajectories=3",), "data.trajectories=3 is not accepted"),
-        ((file, "material=sand"), "is of material 'elasticity'; accepted: sand"),
+        (("data.trajectories=ours.h5", "material=sand"), "is of material 'elasticity'; accepted: sand"),
+        ((file, "material=sand"), "parameters.friction_angle is missing"),
         ((file, "training.start=keyframe"), "did you mean 'keyframes'"),
         ((file, "training.learning_rate=0"), "training.learning_rate=0.0"),
         ((file, "training.iterations=0"), "training.iterations=0"),
