@@ -1,5 +1,6 @@
 """Trains the laws of a material: python -m pcnclaws.train experiment=sand_multi."""
 
+import time
 from pathlib import Path
 from typing import Any, cast
 
@@ -34,6 +35,7 @@ def train(config: DictConfig) -> None:
 
     The same command again continues an unfinished run, and leaves a finished one alone.
     """
+    started = time.monotonic()
     use_threads(config)
     quiet_lightning()
     console = Console(soft_wrap=True) if Console().is_terminal else Console(width=PLAIN_WIDTH, soft_wrap=True)
@@ -58,7 +60,7 @@ def train(config: DictConfig) -> None:
     notes = _notes(config, scenes, fitted)
     write_weights(folder / WEIGHTS, fitted.best.weights, notes)
     set_law_weights(laws, fitted.best.weights, str(folder / WEIGHTS))
-    report = Report(folder, scenes, fitted, notes, untrained_laws(config), laws)
+    report = Report(folder, scenes, fitted, notes, untrained_laws(config), laws, started)
     write_report(report, device_from(config), precision_from(config), config.seed, config.picture, console)
 
 

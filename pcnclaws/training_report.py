@@ -1,5 +1,6 @@
 """What a training run ends with: errors before and after on unseen objects, as table, JSON and pictures."""
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,11 @@ PAPER_STEPS = 500
 
 @dataclass(frozen=True)
 class Report:
-    """A finished training and what it started from. notes: plain values kept with the results."""
+    """A finished training and what it started from.
+
+    notes    plain values kept with the results
+    started  time.monotonic() when the command began
+    """
 
     folder: Path
     scenes: TrainingScenes
@@ -36,6 +41,7 @@ class Report:
     notes: dict[str, Any]
     untrained: Laws
     trained: Laws
+    started: float
 
 
 def write_report(
@@ -51,7 +57,10 @@ def write_report(
     for path in _pictures(report, after, before) if pictures else ():
         console.print(f"wrote {path}")
     origin = provenance(seed, device) | {"precision": str(dtype).removeprefix("torch.")}
-    write_metrics(report.folder / METRICS, _metrics(report, after, before, published) | {"provenance": origin})
+    # of this command alone: data that was there and iterations before an interruption are not in it
+    seconds = round(time.monotonic() - report.started, 1)
+    values = _metrics(report, after, before, published) | {"seconds": seconds, "provenance": origin}
+    write_metrics(report.folder / METRICS, values)
     console.print(f"wrote {report.folder / METRICS}")
     console.print(f"use it with law={report.folder}")
 

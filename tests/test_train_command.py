@@ -183,3 +183,15 @@ def _kill_once(ready: Callable[[], bool], folder: Path, *options: str) -> None:
         time.sleep(0.005)
     os.kill(process.pid, signal.SIGKILL)
     process.communicate()
+
+
+def test_a_sweep_over_the_seed_leaves_one_run_folder_a_job(
+    in_process: Callable[..., Outcome], positions_only: Path, tmp_path: Path
+) -> None:
+    done = in_process(train, "train", *SMALL, *SHORT, f"data.trajectories={positions_only}", "seed=0,1", "--multirun")
+    assert done.status == 0, done.err
+    weights = sorted((tmp_path / "outputs" / "runs").rglob(WEIGHTS))
+    assert len(weights) == 2
+    first, second = (read_weights(path)[0] for path in weights)
+    assert any(not torch.equal(weight, second[name]) for name, weight in first.items())
+    assert all(load_run(path.parent).material.name == "elasticity" for path in weights)

@@ -47,7 +47,7 @@ class ElasticNet(Elasticity):
     tau = 2 mu (g1 dev h + g2 dev(h^2)) + (K g0 tr h + 2 mu g3 |dev h|^2) I,   g0 = softplus(f0), g1 = softplus(f1)
 
     f, g2, g3 depend on the invariants of h and on nu; at zero strain g0 = g1 = 1, so E and nu are the moduli of
-    small strain. An untrained network is the Hencky law.
+    small strain. An untrained network is the Hencky law. The stress need not be the derivative of an energy.
     """
 
     def __init__(self, material: Material, width: int) -> None:
