@@ -14,6 +14,7 @@ from pcnclaws.data.datamodule import TrajectoryDataModule
 from pcnclaws.data.dataset import SegmentPlan
 from pcnclaws.data_sets import ready_data_set
 from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.evaluation.provenance import commit
 from pcnclaws.laws.materials import Laws, Material
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.runs import METRICS, WEIGHTS, is_finished, start_run
@@ -36,6 +37,7 @@ def train(config: DictConfig) -> None:
     The same command again continues an unfinished run, and leaves a finished one alone.
     """
     started = time.monotonic()
+    commit()  # of the code that trains
     use_threads(config)
     quiet_lightning()
     console = Console(soft_wrap=True) if Console().is_terminal else Console(width=PLAIN_WIDTH, soft_wrap=True)

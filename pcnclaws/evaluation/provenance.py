@@ -6,6 +6,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +41,12 @@ def command_line() -> str:
     return shlex.join(["python", *sys.orig_argv[1:]])
 
 
+@cache
 def commit() -> str | None:
-    """Hash of the commit of the checkout that runs, '+' behind it when files differ from it; None outside of one."""
+    """Hash of the commit of the checkout that runs, '+' behind it when files differ from it; None outside of one.
+
+    Read once: a long command calls it as it begins, since the checkout may move on while it runs.
+    """
     git = shutil.which("git")
     if git is None or not (REPOSITORY / ".git").exists():
         return None
