@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pcnclaws.errors import UserError, unknown_name
 
 BOUNDARIES = ("slip", "stick")
-MAXIMUM_GRID_NODES = 1024
+# The whole grid is stored, some 30 bytes a node with its masks: 256 nodes an edge are half a gigabyte a scene.
+MAXIMUM_GRID_NODES = 256
 
 
 @dataclass(frozen=True)
