@@ -103,6 +103,12 @@ def output_file(config: DictConfig) -> Path:
     path = Path(config.output)
     if path.is_dir():
         raise UserError(f"output={path} is a folder; accepted: the path of a file")
+    if path.exists() and not path.is_file():
+        raise UserError(f"output={path} is not a regular file; accepted: the path of a file")
+    for option in ("trajectories", "scene.particles"):
+        source = OmegaConf.select(config, option)
+        if source is not None and path.resolve() == Path(str(source)).resolve():
+            raise UserError(f"output={path} is the file of {option}, which would be lost; accepted: another path")
     existing = next(parent for parent in path.absolute().parents if parent.exists())
     if not existing.is_dir():
         raise UserError(f"output={path} cannot be written: {existing} is not a folder; accepted: the path of a file")

@@ -73,7 +73,9 @@ def _file_records(config: DictConfig, material: Material) -> list[SceneRecord] |
             raise UserError(f"trajectories={path} does not go with task={config.task.name}; accepted: one of the two")
         return None
     if not isinstance(path, str) or not path:
-        raise UserError(f"trajectories={path} is not accepted; accepted: the path of a trajectory file, or task=unseen")
+        raise UserError(
+            f"trajectories={path or 'null'} is not accepted; accepted: the path of a trajectory file, or task=unseen"
+        )
     records = read_scenes(path)
     require_material(records, material)
     for record in records:

@@ -73,7 +73,7 @@ class Jobs:
         self.task, self.entry = task, entry
         self.overrides: list[str] = []
         self.status = 0
-        self._outputs: set[object] = set()
+        self._outputs: set[str] = set()
         self._recorded: list[Exception] = []
 
     def run(self, config: DictConfig) -> None:
@@ -104,9 +104,10 @@ class Jobs:
             config = checked(self.entry, config, overrides)
         except CONFIG_ERRORS as error:
             raise explain(self.entry, overrides, error) from error
-        if config.output in self._outputs:
+        output = os.path.realpath(str(config.output))
+        if output in self._outputs:
             raise UserError(f"output={config.output} is shared with another job; accepted: one output for each job")
-        self._outputs.add(config.output)
+        self._outputs.add(output)
         return config
 
 

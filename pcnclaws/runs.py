@@ -63,7 +63,10 @@ def load_run(folder: str | Path, option: str = "law") -> LoadedRun:
         raise UserError(f"{option}={folder}: {CONFIG} names no material or no model")
     material = material_named(str(config["material"].get("name")), f"{option}={folder}: material")
     weights, notes = read_weights(folder / WEIGHTS)
-    laws = build_neural_laws(material, config["model"])
+    try:
+        laws = build_neural_laws(material, config["model"])
+    except UserError as fault:
+        raise UserError(f"{option}={folder / CONFIG}: {fault}") from fault
     set_law_weights(laws, weights, f"{option}={folder}")
     for law in laws:
         if law is not None:

@@ -21,7 +21,7 @@ from pcnclaws.configuration import (
 from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import SceneStart, simulate_records
-from pcnclaws.errors import SimulationDiverged
+from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.rendering.pictures import trajectory_picture
 from pcnclaws.runs import laws_for
 from pcnclaws.time_step import check_time_step, largest_speed, time_step_limit
@@ -32,10 +32,12 @@ def simulate(config: DictConfig) -> None:
     output = output_file(config)
     use_threads(config)
     record = _trajectory(config, start_from(config))
+    # the picture first: a run that fails leaves no trajectory file
+    picture = trajectory_picture(record, picture_path(output)) if config.picture else None
     write_scenes(output, [record])
     print(_summary(record, output))
-    if config.picture:
-        print(f"wrote {trajectory_picture(record, picture_path(output))}")
+    if picture:
+        print(f"wrote {picture}")
 
 
 def picture_path(output: Path) -> Path:
@@ -48,6 +50,8 @@ def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
     speed = largest_speed(start.position, start.velocity, settings.gravity, settings.wall_distance)
     check_time_step(settings, parameters, speed)
     steps, every = whole_number(config, "simulation.steps"), whole_number(config, "simulation.every")
+    if every > steps:
+        raise UserError(f"simulation.every={every} keeps no frame; accepted: 1 to simulation.steps={steps}")
     keyframe_every = whole_number(config, "keyframe_every", least=0)
     laws = laws_for(str(config.law), material_from(config), [parameters])
     dtype, device = precision_from(config), device_from(config)

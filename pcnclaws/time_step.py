@@ -79,10 +79,8 @@ def time_step_limit(settings: SimulationSettings, parameters: Mapping[str, float
     # E grows with the square of the wave speed
     room = STABLE_CFL * settings.grid_spacing / settings.time_step - speed
     stiffest = parameters["youngs_modulus"] * (max(room, 0.0) / wave) ** 2
-    return (
-        f"at most {largest:.3g} s for youngs_modulus={parameters['youngs_modulus']:g}, or youngs_modulus at most "
-        f"{stiffest:.3g} Pa for this step"
-    )
+    accepted = f"at most {largest:.3g} s for youngs_modulus={parameters['youngs_modulus']:g} at {speed:.3g} m/s"
+    return accepted if room <= 0.0 else f"{accepted}, or youngs_modulus at most {stiffest:.3g} Pa for this step"
 
 
 def _wave_speed(settings: SimulationSettings, parameters: Mapping[str, float]) -> float:

@@ -1,5 +1,6 @@
 """Trains the laws of a material: python -m pcnclaws.train experiment=sand_multi."""
 
+import math
 import time
 from pathlib import Path
 from typing import Any, cast
@@ -50,10 +51,9 @@ def train(config: DictConfig) -> None:
 
     scenes = for_regime(_scenes(config), regime, config.regime.scene)
     plan = _plan(config, scenes.start)
-    data = TrajectoryDataModule(
-        scenes.training, scenes.validation, plan, whole_number(config, "training.check_every"), precision_from(config)
-    )
-    for note in (*scenes.notes, f"segments start from {_start_in_words(scenes.start)}"):
+    check_every, checks = _check_every(config)
+    data = TrajectoryDataModule(scenes.training, scenes.validation, plan, check_every, precision_from(config))
+    for note in (*scenes.notes, *checks, f"segments start from {_start_in_words(scenes.start)}"):
         console.print(note)
     start_run(folder, plain, config.overwrite)
     module = regime(laws, data.dataset.settings, optimiser, plan.iterations)
@@ -99,6 +99,15 @@ def _plan(config: DictConfig, start: str) -> SegmentPlan:
         training.loss_every,
         config.seed,
     )
+
+
+def _check_every(config: DictConfig) -> tuple[int, list[str]]:
+    """Iterations between two checks: the divisor of training.iterations nearest to training.check_every; a note."""
+    wanted, iterations = whole_number(config, "training.check_every"), config.training.iterations
+    divisors = [n for n in range(1, iterations + 1) if iterations % n == 0]
+    nearest = min(divisors, key=lambda n: abs(math.log(n / wanted)))
+    note = f"checks every {nearest} iterations, which divides training.iterations={iterations}"
+    return nearest, [] if nearest == wanted else [note]
 
 
 def _scenes(config: DictConfig) -> TrainingScenes:

@@ -59,7 +59,7 @@ def test_the_precision_is_an_option(evaluated, record, tmp_path: Path) -> None:
         ({"parameters": {**SAND, "youngs_modulus": 1e9}}, [], 2, "time_step=0.0005 is unstable"),
         ({}, ["task=unseen"], 2, "trajectories=x.h5"),
         ({}, ["task=unsen"], 2, "did you mean 'unseen'"),
-        ({}, ["trajectories=null"], 2, "trajectories=None"),
+        ({}, ["trajectories=null"], 2, "trajectories=null"),
         ({}, ["trajectories=y.h5"], 2, "y.h5"),
         ({}, ["law=analitic"], 2, "analitic"),
         ({}, ["output=."], 2, "output=."),

@@ -1,5 +1,6 @@
 """The command `simulate`: what it writes, what it leaves, what it refuses."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -145,3 +146,31 @@ def test_a_sweep_writes_one_trajectory_a_job(in_process, tmp_path):
     outcome = in_process(simulate, "simulate", *SMALL, "--multirun", "parameters.friction_angle=20,30", "picture=false")
     assert outcome.status == 0
     assert len(files(tmp_path)) == 2
+
+
+def test_an_output_never_replaces_an_input_or_a_device(in_process, tmp_path):
+    assert in_process(simulate, "simulate", *SMALL, "picture=false", "output=a.h5").status == 0
+    before = (tmp_path / "a.h5").read_bytes()
+    (tmp_path / "link.h5").symlink_to("target.h5")
+    os.mkfifo(tmp_path / "pipe")
+    for options, message in (
+        (("scene.particles=a.h5", "output=./a.h5"), "output=a.h5 is the file of scene.particles"),
+        (("output=pipe",), "output=pipe is not a regular file"),
+        (("simulation.every=11", "output=b.h5"), "simulation.every=11 keeps no frame"),
+    ):
+        done = in_process(simulate, "simulate", *SMALL, "picture=false", *options)
+        assert (done.status, len(done.err.splitlines())) == (2, 1), done.err
+        assert message in done.err
+    assert (tmp_path / "a.h5").read_bytes() == before
+    assert in_process(simulate, "simulate", *SMALL, "picture=false", "output=link.h5").status == 0
+    assert (tmp_path / "link.h5").is_symlink()
+    assert (tmp_path / "target.h5").is_file()
+
+
+def test_volumes_in_other_units_are_refused(in_process, tmp_path):
+    position = np.full((5, 3), 0.5)
+    np.savez(tmp_path / "cm.npz", position=position, velocity=np.zeros((5, 3)), volume=np.full(5, 125.0))
+    done = in_process(simulate, "simulate", *SMALL, "picture=false", "scene.particles=cm.npz", "output=x.h5")
+    assert done.status == 2
+    assert "'volume' sums to 625, more than the domain holds" in done.err
+    assert not (tmp_path / "x.h5").exists()

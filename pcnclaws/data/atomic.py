@@ -18,11 +18,13 @@ def replaced_file(path: str | Path) -> Iterator[Path]:
     Folders above it are made. A killed process leaves at most a hidden file that ends in PARTIAL_SUFFIX.
     raises  UserError when nothing can be written there
     """
-    path = Path(path)
+    path = Path(os.path.realpath(path))  # a link stays a link: its target is replaced
     temporary = path.with_name(f".{path.name[:100]}.{secrets.token_hex(4)}{PARTIAL_SUFFIX}")
     try:
         if path.is_dir():
             raise IsADirectoryError(None, "is a folder", str(path))
+        if path.exists() and not path.is_file():
+            raise OSError(None, "is not a regular file", str(path))
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary.touch(exist_ok=False)
     except OSError as error:

@@ -12,7 +12,7 @@ import numpy as np
 
 from pcnclaws.data.atomic import replaced_file
 from pcnclaws.data.guarded_hdf5 import GuardedGroup, check_heaps, one_line_faults
-from pcnclaws.data.records import Keyframes, SceneRecord
+from pcnclaws.data.records import LARGEST_VOLUME, Keyframes, SceneRecord
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.laws.parameters import PARAMETERS, validate_parameters
 from pcnclaws.mpm.settings import SimulationSettings
@@ -167,6 +167,8 @@ def _check_values(
         )
     if np.any(volume <= 0.0):
         raise group.fault("'volume' is not positive everywhere")
+    if volume.sum(dtype=np.float64) > LARGEST_VOLUME:
+        raise group.fault(f"'volume' sums to {volume.sum():.3g}, more than the domain holds; accepted: m^3, at most 1")
 
 
 def _keyframes(scene: GuardedGroup, record: SceneRecord) -> Keyframes | None:

@@ -11,6 +11,8 @@ from pcnclaws.mpm.settings import SimulationSettings
 
 # Recorded times may be rounded: accepted distance of a frame from a whole number of steps, in steps.
 TIME_TOLERANCE = 0.05
+# A body cannot be larger than the domain [m^3]; a larger sum of volumes is in other units.
+LARGEST_VOLUME = 1.001
 MAXIMUM_STEPS = 2**40
 
 

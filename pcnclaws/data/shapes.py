@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pcnclaws.data.hdf5 import read_scenes, scene_names
+from pcnclaws.data.records import LARGEST_VOLUME
 from pcnclaws.errors import UserError, unknown_name
 
 SHAPES = ("cube", "sphere")
@@ -160,6 +161,10 @@ def _read_npz(path: Path) -> PointCloud:
         raise UserError(f"{path}: holds no particle")
     if volume.min() <= 0.0:
         raise UserError(f"{path}: 'volume' is not positive everywhere")
+    if volume.sum() > LARGEST_VOLUME:
+        raise UserError(
+            f"{path}: 'volume' sums to {volume.sum():.3g}, more than the domain holds; accepted: m^3, at most 1"
+        )
     return PointCloud(position, velocity, volume)
 
 
