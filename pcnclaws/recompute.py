@@ -19,7 +19,7 @@ def recomputed_step(
     """One step whose backward pass computes the step again.
 
     Gradients reach the state, the scenes, the parameters and the weights of the laws. The general checkpoint of
-    PyTorch keeps a record of every operation, some 1 MB a step of 1000 particles; this keeps the state alone.
+    PyTorch keeps a record of every operation of every step; this keeps the state alone.
     """
     names = tuple(parameters)
     fields = (*state, *scenes, *(parameters[name] for name in names))

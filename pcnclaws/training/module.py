@@ -25,10 +25,10 @@ from pcnclaws.training.losses import position_loss
 
 log = logging.getLogger(__name__)
 
-# Squared metres are tiny numbers: the optimiser sees the loss times this, so that gradients stay far above its epsilon
-# of 1e-8 (with 1e4 the last digits of training were lost to it).
+# Squared metres are tiny numbers: the optimiser sees the loss times this, meant to keep gradients above its epsilon of
+# 1e-8.
 LOSS_SCALE = 1e8
-# Above this many particle-steps in a batch the graph of a segment (some 20 kB each) is not kept but computed again.
+# Above this many particle-steps in a batch the graph of a segment is not kept but computed again.
 MOST_PARTICLE_STEPS = 100_000
 # So many iterations in a row without a finite gradient end a run.
 MOST_SKIPPED = 20
