@@ -27,6 +27,9 @@ CONFIG_ERRORS = (HydraException, OmegaConfBaseException)
 HYDRA_VERSION_BASE = "1.3"
 LONGEST_FOLDER_NAME = 100
 GROUP_CHOICE = re.compile(r"(?P<group>[\w/]+)=(?P<choice>[\w.-]+)")
+# The option with a word for all of its switches, which are a group of files for Hydra.
+SWITCHES = re.compile(r"\+{0,2}simulation\.skip=(?!\{)(?P<words>.*)")
+SWITCH_WORDS = ("all", "none")
 
 
 def conf_folder() -> Path:
@@ -42,10 +45,16 @@ def compose_config(entry: str, overrides: Sequence[str] = ()) -> DictConfig:
     raises  UserError for whatever the command would refuse
     """
     register_resolvers()
+    overrides = as_group_choices(overrides)
     try:
         return checked(entry, _compose(entry, overrides), overrides)
     except CONFIG_ERRORS as error:
         raise explain(entry, overrides, error) from error
+
+
+def as_group_choices(overrides: Sequence[str]) -> list[str]:
+    """The overrides with `simulation.skip=none` as the choice of the group simulation/skip that it is."""
+    return [_as_group_choice(override) for override in overrides]
 
 
 def checked(entry: str, config: DictConfig, overrides: Sequence[str]) -> DictConfig:
@@ -60,7 +69,7 @@ def explain(entry: str, overrides: Sequence[str], error: Exception) -> UserError
     """One line of ours for an error of Hydra or OmegaConf."""
     if isinstance(error, MissingConfigException) and error.options is not None:
         group, _, name = str(error.missing_cfg_file).rpartition("/")
-        return unknown_name(group, name, error.options)
+        return unknown_name(group.replace("/", "."), name, error.options)
     if isinstance(error, OverrideParseException):
         return UserError(
             f"'{error.override}' cannot be read; accepted: option=value, a value with special characters in quotes"
@@ -80,6 +89,16 @@ def register_resolvers() -> None:
 def task_overrides() -> list[str]:
     """The overrides of the running job, as they were written: their interpolations belong to another configuration."""
     return cast(list[str], OmegaConf.to_container(HydraConfig.get().overrides.task, resolve=False))
+
+
+def _as_group_choice(override: str) -> str:
+    match = SWITCHES.fullmatch(override)
+    if not match:
+        return override
+    for word in match["words"].split(","):  # several in a sweep
+        if word not in SWITCH_WORDS:
+            raise unknown_name("simulation.skip", word, SWITCH_WORDS)
+    return f"simulation/skip={match['words']}"
 
 
 def _job_folder() -> str:

@@ -6,6 +6,7 @@ from typing import Any
 import torch
 from omegaconf import DictConfig, OmegaConf
 
+from pcnclaws.backend import use_backend
 from pcnclaws.data.placement import require_inside
 from pcnclaws.data.scenes import SceneStart
 from pcnclaws.data.shapes import PointCloud, particles, read_point_file, spin_velocity
@@ -13,6 +14,7 @@ from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.parameters import validate_parameters
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.skips import Skips
 from pcnclaws.time_step import automatic_time_step, largest_speed
 
 DEVICES = ("cpu", "cuda", "auto")
@@ -49,6 +51,11 @@ def settings_from(config: DictConfig, automatic: float | None = None) -> Simulat
         boundary=simulation.boundary,
         density=float(simulation.density),
     )
+
+
+def skips_from(config: DictConfig) -> Skips:
+    """The switches of `simulation.skip.*`."""
+    return Skips(**{str(switch): bool(on) for switch, on in config.simulation.skip.items()})
 
 
 def start_from(config: DictConfig) -> SceneStart:
@@ -92,10 +99,11 @@ def precision_from(config: DictConfig) -> torch.dtype:
     return PRECISIONS[config.precision]
 
 
-def use_threads(config: DictConfig) -> None:
-    """Sets the number of CPU threads of `threads=`; null leaves PyTorch's own choice."""
+def use_processor(config: DictConfig) -> None:
+    """Sets the number of CPU threads of `threads=`, null for PyTorch's own choice, and `simulation.backend`."""
     if config.threads is not None:
         torch.set_num_threads(whole_number(config, "threads"))
+    use_backend(str(config.simulation.backend))
 
 
 def output_file(config: DictConfig) -> Path:

@@ -8,7 +8,15 @@ from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from pcnclaws.configuration import body_from, device_from, material_from, precision_from, settings_from, whole_number
+from pcnclaws.configuration import (
+    body_from,
+    device_from,
+    material_from,
+    precision_from,
+    settings_from,
+    skips_from,
+    whole_number,
+)
 from pcnclaws.data.generation import Progress as Report
 from pcnclaws.data.generation import generate_data_set
 from pcnclaws.data.sampling import DataSetPlan, planned_scenes
@@ -44,7 +52,7 @@ def ready_data_set(config: DictConfig) -> dict[str, list[Path]]:
     """
     plan = plan_from(config)
     with _progress() as report:
-        return generate_data_set(plan, str(config.data.folder), device_from(config), report)
+        return generate_data_set(plan, str(config.data.folder), device_from(config), report, skips_from(config))
 
 
 def _plan(config: DictConfig, settings: SimulationSettings) -> DataSetPlan:

@@ -9,7 +9,14 @@ from rich.console import Console
 from rich.progress import Progress
 
 from pcnclaws import launcher
-from pcnclaws.configuration import device_from, material_from, output_file, precision_from, use_threads
+from pcnclaws.configuration import (
+    device_from,
+    material_from,
+    output_file,
+    precision_from,
+    skips_from,
+    use_processor,
+)
 from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import start_of
@@ -18,7 +25,13 @@ from pcnclaws.evaluation.builtin import builtin_starts, paper_errors, steps_of_t
 from pcnclaws.evaluation.gallery import leave_pictures
 from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import metrics, results_table, write_metrics
-from pcnclaws.evaluation.tasks import SceneResult, evaluate_records, require_material, steps_to_run
+from pcnclaws.evaluation.tasks import (
+    SceneResult,
+    evaluate_records,
+    in_automatic_time_step,
+    require_material,
+    steps_to_run,
+)
 from pcnclaws.laws.materials import Material
 from pcnclaws.runs import laws_for
 from pcnclaws.time_step import STABLE_CFL, largest_speed, scene_cfl, time_step_limit
@@ -30,7 +43,7 @@ PLAIN_WIDTH = 120
 def evaluate(config: DictConfig) -> None:
     """Writes the errors of the configured law on the configured task to `output`, and pictures beside it."""
     output = output_file(config)
-    use_threads(config)
+    use_processor(config)
     material = material_from(config)
     results = _results(config, material)
     _print_table(config, results, material)
@@ -49,16 +62,16 @@ def evaluate(config: DictConfig) -> None:
 
 
 def _results(config: DictConfig, material: Material) -> list[SceneResult]:
-    device, dtype = device_from(config), precision_from(config)
+    device, dtype, skips = device_from(config), precision_from(config), skips_from(config)
     records = _file_records(config, material)
     starts = builtin_starts(config.task.name, material) if records is None else []
     laws = laws_for(str(config.law), material, [scene.parameters for scene in records or starts])
     if records is None:
         with _progress("simulating the truth", steps_of_truth(material)) as advance:
-            records = true_records(starts, material, device, advance)
+            records = _in_time_step(config, true_records(starts, material, device, advance, skips))
     try:
         with _progress(f"simulating with law={config.law}", steps_to_run(records)) as advance:
-            return evaluate_records(records, laws, dtype, device, advance)
+            return evaluate_records(records, laws, dtype, device, advance, skips)
     except SimulationDiverged as error:
         failed = next((record for record in records if f"scene '{record.name}'" in str(error)), records[0])
         advice = f"time_step={failed.settings.time_step:g}, stable: {_limit(failed)}"
@@ -78,9 +91,18 @@ def _file_records(config: DictConfig, material: Material) -> list[SceneRecord] |
         )
     records = read_scenes(path)
     require_material(records, material)
+    records = _in_time_step(config, records)
     for record in records:
         _require_stable(record)
     return records
+
+
+def _in_time_step(config: DictConfig, records: list[SceneRecord]) -> list[SceneRecord]:
+    """The records in the time step of `simulation.time_step`: their own, or the automatic one."""
+    wanted = config.simulation.time_step
+    if wanted not in (None, "auto"):
+        raise UserError(f"simulation.time_step={wanted} is not accepted; accepted: auto, or null for the file's own")
+    return [in_automatic_time_step(record) for record in records] if wanted else records
 
 
 def _require_stable(record: SceneRecord) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from pcnclaws import launcher
-from pcnclaws.configuration import use_threads
+from pcnclaws.configuration import use_processor
 from pcnclaws.data.generation import read_split
 from pcnclaws.data_sets import ready_data_set
 from pcnclaws.rendering.contact_sheet import contact_sheet
@@ -15,7 +15,7 @@ PICTURE = "data_set.png"
 
 def generate(config: DictConfig) -> None:
     """Makes what is missing of the data set in data.folder, and a picture of it."""
-    use_threads(config)
+    use_processor(config)
     files = ready_data_set(config)
     folder = Path(config.data.folder)
     for split, paths in files.items():

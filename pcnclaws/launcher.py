@@ -26,6 +26,7 @@ from omegaconf import DictConfig
 from pcnclaws.composition import (
     CONFIG_ERRORS,
     HYDRA_VERSION_BASE,
+    as_group_choices,
     checked,
     conf_folder,
     explain,
@@ -53,7 +54,7 @@ def run(task: Task, entry: str, arguments: Sequence[str]) -> int:
     jobs = Jobs(task, entry)
     try:
         flags, overrides = _split(arguments)
-        jobs.overrides = overrides
+        jobs.overrides = overrides = as_group_choices(overrides)
         with tempfile.TemporaryDirectory() as sweep_folder:
             _launch(jobs, flags, [*overrides, f"hydra.sweep.dir={sweep_folder}"])
     except KeyboardInterrupt:

@@ -11,6 +11,8 @@ from pcnclaws.errors import UserError, unknown_name
 # Words that an option takes beside the numbers of its kind.
 WORDS = {"simulation.time_step": ("auto",)}
 KINDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "text"}
+# Lists whose length is free: what a benchmark problem goes through. Other lists are vectors, as long as their default.
+FREE_LISTS = "problem."
 # At most so many names are listed when an option is not known.
 LISTED = 12
 
@@ -48,7 +50,8 @@ def unknown_option(option: str, defaults: Mapping[str, Any]) -> UserError:
         prefix = prefix.rpartition(".")[0]
         siblings = sorted(name for name in defaults if name.startswith(f"{prefix}." if prefix else ""))
     if len(siblings) > LISTED:
-        siblings = sorted({name.partition(".")[0] for name in siblings})
+        level = prefix.count(".") + 2 if prefix else 1
+        siblings = sorted({".".join(name.split(".")[:level]) for name in siblings})
     return unknown_name("option", option, siblings)
 
 
@@ -56,6 +59,9 @@ def _require_kind(option: str, value: Any, default: Any) -> None:
     if default is None:
         right = all(not isinstance(item, float) or math.isfinite(item) for item in _items(value))
         accepted = "finite numbers"
+    elif option.startswith(FREE_LISTS) and isinstance(default, list):
+        right = isinstance(value, list) and all(_is_kind(item, default[0]) for item in value)
+        accepted = f"a list, each {_accepted(default[0])}"
     else:
         right, accepted = _is_kind(value, default), _accepted(default)
     if not right:

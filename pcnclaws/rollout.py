@@ -1,40 +1,34 @@
 """Many steps of any simulator: recorded, watched for divergence, or differentiated through.
 
-A step is a function from a state to the next one, so every simulator is run by the same code.
+A step is a function from a state to the next one, so every simulator is run by the same code. Scenes of a batch that
+need no step are left out of it (active_scenes.py).
 """
 
+import copy
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor
 
+from pcnclaws.active_scenes import ActiveScenes
+from pcnclaws.at_rest import RestWatch
 from pcnclaws.errors import SimulationDiverged
+from pcnclaws.free_fall import free_steps
 from pcnclaws.mpm.diagnostics import failing_particles, why_failing
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.recompute import recomputed_step
+from pcnclaws.recording import FramePlan, Recording, Trajectory
 from pcnclaws.simulator import Simulator, Step
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.skips import Skips
+from pcnclaws.tensor_types import Parameters, ParticleMask
 
-
-class Trajectory(NamedTuple):
-    """What a run leaves: frames, and full states at the keyframes.
-
-    step           step of each frame, (frames,), frame 0 is the start
-    position       [m], (frames, 3, particles)
-    velocity       [m/s], (frames, 3, particles)
-    keyframe_step  step of each keyframe, (keyframes,), each of them also a frame
-    affine         C [1/s], (keyframes, 3, 3, particles)
-    deformation    F [-], (keyframes, 3, 3, particles)
-    """
-
-    step: Int64[Tensor, " frames"]
-    position: Float[Tensor, "frames 3 particles"]
-    velocity: Float[Tensor, "frames 3 particles"]
-    keyframe_step: Int64[Tensor, " keyframes"]
-    affine: Float[Tensor, "keyframes 3 3 particles"]
-    deformation: Float[Tensor, "keyframes 3 3 particles"]
+Progress = Callable[[int], None]
+# Above this many particle-steps the graph of a differentiable rollout is not kept but computed again. A step keeps some
+# 5 kB a particle in PyTorch; compiled, 0.2 kB, which is not much more than its state.
+MOST_PARTICLE_STEPS = 100_000
+MOST_COMPILED_PARTICLE_STEPS = 3_000_000
 
 
 @torch.no_grad()
@@ -47,9 +41,9 @@ def simulate(
     keyframe_every: int = 0,
     scene_names: Sequence[str] | None = None,
     advice: str = "",
-    progress: Callable[[int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Trajectory:
-    """Runs a simulator without gradients and records it.
+    """Runs any step function without gradients and records it, velocities at the frames among it; skips nothing.
 
     every           frames are kept at every `every`-th step
     keyframe_every  full states are kept at every `keyframe_every`-th step, 0 for none
@@ -58,25 +52,36 @@ def simulate(
     progress        called with the number of steps just done
     raises          SimulationDiverged, naming scene, step and particle, as soon as a frame is due
     """
-    frames, keyframes = [(0, state.position, state.velocity)], [(0, state.affine, state.deformation)]
-    checked, failed = state, failing_particles(state)
-    for n in range(1, steps + 1):
-        state = step(state)
-        failed = failed | failing_particles(state)
-        is_keyframe = keyframe_every > 0 and n % keyframe_every == 0
-        is_frame = n % every == 0 or is_keyframe
-        if is_frame or n == steps:
-            # one look at the device per frame, not per step; the exact step is found again when it matters
-            if bool(failed.any()):
-                raise _divergence(step, checked, frames[-1][0], scenes, scene_names, advice)
-            checked = state
-        if is_frame:
-            frames.append((n, state.position, state.velocity))
-        if is_keyframe:
-            keyframes.append((n, state.affine, state.deformation))
-        if progress:
-            progress(1)
-    return _trajectory(frames, keyframes if keyframe_every > 0 else [], state)
+    run = ActiveScenes(lambda *_: step, state, scenes, {}, 0.0, [0] * scenes.scene_count)
+    recording = Recording(FramePlan(steps, every, keyframe_every, velocities=True), state)
+    return _run(run, recording, None, _Report(scene_names, advice, progress))
+
+
+def simulate_scenes(
+    simulator: Simulator,
+    state: ParticleState,
+    scenes: Scenes,
+    parameters: Parameters,
+    plan: FramePlan,
+    scene_names: Sequence[str] | None = None,
+    progress: Progress | None = None,
+    skips: Skips | None = None,
+) -> Trajectory:
+    """Runs the scenes of a batch without gradients, each one only while it needs steps, and records them.
+
+    plan      the number of steps and what is kept of them
+    skips     what is left out, everything by default
+    progress  called with the number of steps just done
+    raises    SimulationDiverged, naming scene, step and particle, as soon as a frame is due
+    """
+    skips = skips or Skips()
+    settings = simulator.integrator.settings
+    with torch.set_grad_enabled(not skips.graph):
+        free = _free_steps(simulator, state, scenes, parameters, plan.steps, skips)
+        run = ActiveScenes(simulator.step_function, state, scenes, parameters, settings.time_step, free)
+        recording = Recording(plan, state, everything=not skips.history)
+        watch = RestWatch(settings, plan.steps) if skips.rest else None
+        return _run(run, recording, watch, _Report(scene_names, "", progress))
 
 
 def differentiable_rollout(
@@ -86,53 +91,108 @@ def differentiable_rollout(
     parameters: Parameters,
     steps: int,
     every: int = 1,
-    recompute: bool = True,
+    recompute: bool | None = None,
+    skips: Skips | None = None,
 ) -> Float[Tensor, "frames 3 particles"]:
     """Positions [m] after every `every`-th step (the start not included), with gradients of everything.
 
     recompute  keep only the state of each step (96 bytes a particle in float32) and compute the step again in the
                backward pass, so that memory grows with the state instead of with the graph; costs one more
                forward pass. First derivatives in reverse mode only: use False under forward-mode differentiation.
+               None does so in long rollouts of many particles.
+    skips      what is left out, all that is exact by default: the last step is always run, so that a gradient of
+               every input exists
     """
+    skips = skips or Skips()
+    free = [min(n, steps - 1) for n in _free_steps(simulator, state, scenes, parameters, steps, skips)]
+    weights = list(simulator.parameters())
+    if weights and not skips.weight_gradients and not any(weight.requires_grad for weight in weights):
+        simulator = copy.deepcopy(simulator).requires_grad_()
+    if recompute is None:
+        most = MOST_COMPILED_PARTICLE_STEPS if simulator.runs_compiled(state) else MOST_PARTICLE_STEPS
+        recompute = _particle_steps(scenes, steps, free) > most
+    run = ActiveScenes(
+        simulator.step_function, state, scenes, parameters, simulator.integrator.settings.time_step, free
+    )
+
     positions = []
     for n in range(1, steps + 1):
-        if recompute and torch.is_grad_enabled():
-            state = recomputed_step(simulator, state, scenes, parameters)
-        else:
-            state = simulator(state, scenes, parameters)
+        after = run.state
+        if run.any_running and recompute and torch.is_grad_enabled():
+            after = recomputed_step(simulator, run.state, run.group.scenes, run.group.parameters)
+        elif run.any_running:
+            after = run.step(run.state)
+        run.reached(n, after)
         if n % every == 0:
-            positions.append(state.position)
+            positions.append(run.whole().position)
     return torch.stack(positions)
 
 
-def _divergence(
-    step: Step, state: ParticleState, first: int, scenes: Scenes, scene_names: Sequence[str] | None, advice: str
-) -> SimulationDiverged:
-    """The error that names the first failing particle, found by running again from the last good state."""
-    n = first
+class _Report(NamedTuple):
+    """Whom to tell: the names and the advice for a divergence, and what hears of progress."""
+
+    scene_names: Sequence[str] | None
+    advice: str
+    progress: Progress | None
+
+
+def _run(run: ActiveScenes, recording: Recording, watch: RestWatch | None, report: _Report) -> Trajectory:
+    """Runs from one look to the next: at frames, where scenes begin to run, and where they may have come to rest."""
+    plan = recording.plan
+    frames, rests = set(plan.frames), set(watch.looks if watch else ())
+    _require_physical(run, failing_particles(run.state), report)
+    for n in sorted(n for n in {*frames, *rests, *run.joins, plan.steps} if n <= plan.steps):
+        _advance(run, n, report)
+        if n in frames:
+            recording.put(n, run.whole())
+        if watch and n in rests and run.any_running:
+            run.leave(watch.resting(n, run.group.numbers, run.state, run.group.scenes))
+    return recording.trajectory()
+
+
+def _advance(run: ActiveScenes, n: int, report: _Report) -> None:
+    """Runs to step n with one look at the device at its end; the exact step is found again when it matters."""
+    state, count = run.state, n - run.n
+    if run.any_running and count:
+        failed = torch.zeros_like(run.group.scenes.scene_index, dtype=torch.bool)
+        for _ in range(count):
+            state = run.step(state)
+            failed = failed | failing_particles(state)
+            if report.progress:
+                report.progress(1)
+        _require_physical(run, failed, report)
+    elif report.progress and count:
+        report.progress(count)
+    run.reached(n, state)
+
+
+def _require_physical(run: ActiveScenes, failed: ParticleMask, report: _Report) -> None:
+    """Raises the error that names the first failing particle, found by running again from the last good state."""
+    if not bool(failed.any()):
+        return
+    state, n, scene_index = run.state, run.n, run.group.scenes.scene_index
     while not bool((failing := failing_particles(state)).any()):
-        state, n = step(state), n + 1
+        state, n = run.step(state), n + 1
     particle = int(failing.nonzero()[0])
-    scene = int(scenes.scene_index[particle])
-    within = particle - int((scenes.scene_index < scene).sum())
-    name = scene_names[scene] if scene_names else str(scene)
-    ending = f"; {advice}" if advice else ""
-    return SimulationDiverged(
+    scene = int(scene_index[particle])
+    within = particle - int((scene_index < scene).sum())
+    number = run.group.numbers[scene]
+    name = report.scene_names[number] if report.scene_names else str(number)
+    ending = f"; {report.advice}" if report.advice else ""
+    raise SimulationDiverged(
         f"scene '{name}' diverged at step {n}: particle {within}: {why_failing(state, particle)}{ending}"
     )
 
 
-def _trajectory(
-    frames: list[tuple[int, Tensor, Tensor]], keyframes: list[tuple[int, Tensor, Tensor]], state: ParticleState
-) -> Trajectory:
-    steps, positions, velocities = zip(*frames, strict=True)
-    matrices = state.affine.shape
-    keyframe_steps, affines, deformations = zip(*keyframes, strict=True) if keyframes else ((), (), ())
-    return Trajectory(
-        torch.tensor(steps),
-        torch.stack(positions),
-        torch.stack(velocities),
-        torch.tensor(keyframe_steps, dtype=torch.int64),
-        torch.stack(affines) if affines else state.affine.new_zeros(0, *matrices),
-        torch.stack(deformations) if deformations else state.deformation.new_zeros(0, *matrices),
-    )
+def _free_steps(
+    simulator: Simulator, state: ParticleState, scenes: Scenes, parameters: Parameters, steps: int, skips: Skips
+) -> list[int]:
+    if not skips.free_fall:
+        return [0] * scenes.scene_count
+    return free_steps(simulator, state, scenes, parameters, steps)
+
+
+def _particle_steps(scenes: Scenes, steps: int, free: Sequence[int]) -> int:
+    """Steps of single particles that a rollout takes."""
+    counts = torch.bincount(scenes.scene_index, minlength=scenes.scene_count).tolist()
+    return sum(count * (steps - n) for count, n in zip(counts, free, strict=True))

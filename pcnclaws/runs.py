@@ -36,6 +36,8 @@ FREE_OPTIONS = (
     "threads",
     "logger",
     "data.folder",
+    "simulation.backend",
+    "simulation.skip",
 )
 PRETRAINED = Path(__file__).parent / "pretrained"
 

@@ -14,8 +14,9 @@ from pcnclaws.configuration import (
     material_from,
     output_file,
     precision_from,
+    skips_from,
     start_from,
-    use_threads,
+    use_processor,
     whole_number,
 )
 from pcnclaws.data.hdf5 import write_scenes
@@ -30,7 +31,7 @@ from pcnclaws.time_step import check_time_step, largest_speed, time_step_limit
 def simulate(config: DictConfig) -> None:
     """Writes the trajectory of the configured scene to `output`, and a picture of it beside it."""
     output = output_file(config)
-    use_threads(config)
+    use_processor(config)
     record = _trajectory(config, start_from(config))
     # the picture first: a run that fails leaves no trajectory file
     picture = trajectory_picture(record, picture_path(output)) if config.picture else None
@@ -57,7 +58,10 @@ def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
     dtype, device = precision_from(config), device_from(config)
     with _progress(steps) as advance:
         try:
-            return simulate_records([start], laws, steps, every, keyframe_every, dtype, device, advance)[0]
+            skips = skips_from(config)
+            return simulate_records(
+                [start], laws, steps, every, keyframe_every, dtype, device, advance, skips, velocities=True
+            )[0]
         except SimulationDiverged as error:
             limit = time_step_limit(settings, parameters, speed)
             raise SimulationDiverged(

@@ -5,6 +5,7 @@ from functools import partial
 
 from torch import nn
 
+from pcnclaws.compiled.kernels import kernels_serve
 from pcnclaws.laws.base import Elasticity, Plasticity
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.state import ParticleState, Scenes
@@ -32,6 +33,11 @@ class Simulator(nn.Module):
         if self.plasticity is None:
             return trial
         return trial._replace(deformation=self.plasticity(trial.deformation, parameters))
+
+    def runs_compiled(self, state: ParticleState) -> bool:
+        """Whether every part of a step from this state is a compiled kernel, whose graph is no more than its inputs."""
+        laws = [self.elasticity, *([] if self.plasticity is None else [self.plasticity])]
+        return all(law.kernel is not None for law in laws) and kernels_serve(state.position)
 
     def step_function(self, scenes: Scenes, parameters: Parameters) -> Step:
         """The step as a function of the state alone."""

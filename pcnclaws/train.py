@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from pcnclaws import launcher
-from pcnclaws.configuration import device_from, material_from, precision_from, use_threads, whole_number
+from pcnclaws.configuration import device_from, material_from, precision_from, skips_from, use_processor, whole_number
 from pcnclaws.data.datamodule import TrajectoryDataModule
 from pcnclaws.data.dataset import SegmentPlan
 from pcnclaws.data_sets import ready_data_set
@@ -39,7 +39,7 @@ def train(config: DictConfig) -> None:
     """
     started = time.monotonic()
     commit()  # of the code that trains
-    use_threads(config)
+    use_processor(config)
     quiet_lightning()
     console = Console(soft_wrap=True) if Console().is_terminal else Console(width=PLAIN_WIDTH, soft_wrap=True)
     folder, plain = Path(config.output), cast(dict[str, Any], OmegaConf.to_container(config))
@@ -56,13 +56,14 @@ def train(config: DictConfig) -> None:
     for note in (*scenes.notes, *checks, f"segments start from {_start_in_words(scenes.start)}"):
         console.print(note)
     start_run(folder, plain, config.overwrite)
-    module = regime(laws, data.dataset.settings, optimiser, plan.iterations)
+    skips = skips_from(config)
+    module = regime(laws, data.dataset.settings, optimiser, plan.iterations, skips)
     fitted = fit(module, data, folder, device_from(config), whole_number(config, "logger.every"), console)
 
     notes = _notes(config, scenes, fitted)
     write_weights(folder / WEIGHTS, fitted.best.weights, notes)
     set_law_weights(laws, fitted.best.weights, str(folder / WEIGHTS))
-    report = Report(folder, scenes, fitted, notes, untrained_laws(config), laws, started)
+    report = Report(folder, scenes, fitted, notes, untrained_laws(config), laws, started, skips)
     write_report(report, device_from(config), precision_from(config), config.seed, config.picture, console)
 
 

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from pcnclaws.laws.materials import Laws, material_named
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.rendering.curves import LossCurve, loss_curve
 from pcnclaws.runs import METRICS
+from pcnclaws.skips import Skips
 from pcnclaws.training.fit import FitResult
 from pcnclaws.training.sources import TrainingScenes
 
@@ -33,6 +35,7 @@ class Report:
 
     notes    plain values kept with the results
     started  time.monotonic() when the command began
+    skips    what the simulations of the test leave out
     """
 
     folder: Path
@@ -42,13 +45,14 @@ class Report:
     untrained: Laws
     trained: Laws
     started: float
+    skips: Skips
 
 
 def write_report(
     report: Report, device: torch.device, dtype: torch.dtype, seed: int, pictures: bool, console: Console
 ) -> None:
     """Tests the law before and after training, prints the table, and writes metrics.json and the pictures."""
-    after = _results(report.scenes.test, report.trained, device, dtype, "test after training", console)
+    after = _results(report, report.trained, device, dtype, "test after training", console)
     before = _results_or_none(report, device, dtype, console)
     published = _published(report.scenes.test)
     start = "positions only" if report.notes["positions_only"] else "segments from keyframes"
@@ -66,17 +70,19 @@ def write_report(
 
 
 def _results(
-    records: list[SceneRecord], laws: Laws, device: torch.device, dtype: torch.dtype, what: str, console: Console
+    report: Report, laws: Laws, device: torch.device, dtype: torch.dtype, what: str, console: Console
 ) -> list[SceneResult]:
+    records = report.scenes.test
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(what, total=steps_to_run(records))
-        return evaluate_records(records, laws, dtype, device, lambda steps: progress.advance(task, steps))
+        advance = partial(progress.advance, task)
+        return evaluate_records(records, laws, dtype, device, advance, report.skips)
 
 
 def _results_or_none(report: Report, device: torch.device, dtype: torch.dtype, console: Console) -> list[SceneResult]:
     """The same numbers before training: what the structure of the law alone gives; none if that diverges."""
     try:
-        return _results(report.scenes.test, report.untrained, device, dtype, "test before training", console)
+        return _results(report, report.untrained, device, dtype, "test before training", console)
     except SimulationDiverged as divergence:
         console.print(f"before training: {divergence}")
         return []

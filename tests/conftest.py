@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +12,8 @@ import torch
 from omegaconf import DictConfig
 
 from pcnclaws import launcher
+from pcnclaws.backend import using_backend
+from pcnclaws.compiled.build import find_compiler
 
 os.environ["OMP_NUM_THREADS"] = "1"
 torch.set_num_threads(1)
@@ -23,6 +25,15 @@ class Outcome(NamedTuple):
     status: int
     out: str
     err: str
+
+
+@pytest.fixture(params=["torch", "compiled"])
+def each_backend(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Runs the test in PyTorch and, where there is a compiler, with the compiled kernels."""
+    if request.param == "compiled" and find_compiler() is None:
+        pytest.skip("needs a C++ compiler")
+    with using_backend(request.param):
+        yield
 
 
 @pytest.fixture

@@ -23,6 +23,8 @@ from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.time_step import largest_speed, scene_cfl
 
 ENTRIES = [path.stem for path in sorted(conf_folder().glob("*.yaml"))]
+OF_ONE_MATERIAL = [entry for entry in ENTRIES if entry != "benchmark"]
+PROBLEMS = [path.stem for path in sorted((conf_folder() / "problem").glob("*.yaml"))]
 EXPERIMENTS = [path.stem for path in sorted((conf_folder() / "experiment").glob("*.yaml"))]
 CHOICES = [
     (path.parent.name, path.stem)
@@ -31,9 +33,14 @@ CHOICES = [
 ]
 
 
-@pytest.mark.parametrize(("entry", "material"), list(product(ENTRIES, MATERIALS)))
+@pytest.mark.parametrize(("entry", "material"), list(product(OF_ONE_MATERIAL, MATERIALS)))
 def test_every_entry_point_composes_with_every_material(entry, material):
     assert material_from(compose_config(entry, [f"material={material}"])).name == material
+
+
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_every_benchmark_problem_composes_under_its_name(problem):
+    assert compose_config("benchmark", [f"problem={problem}"]).problem.name == problem
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
@@ -62,7 +69,7 @@ def composes(entry: str, override: str) -> bool:
 def test_every_choice_of_a_group_composes_with_some_entry_point(group, choice):
     # parameters follow the material
     override = f"{'material' if group == 'parameters' else group}={choice}"
-    assert any(composes(entry, override) for entry in ("train", "simulate", "evaluate"))
+    assert any(composes(entry, override) for entry in ENTRIES)
 
 
 @pytest.mark.parametrize("material", list(MATERIALS.values()), ids=list(MATERIALS))

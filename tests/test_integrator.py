@@ -12,7 +12,10 @@ from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulator import Simulator
 
 # PyTorch warns of its own use of torch.jit when it loads forward mode
-pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")
+pytestmark = [
+    pytest.mark.usefixtures("each_backend"),
+    pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning"),
+]
 
 PARTICLES = 4
 # well inside or outside of the yield surface, so that the kinks of plasticity are away

@@ -14,7 +14,10 @@ from pcnclaws.laws.plasticity import DruckerPrager, VonMises
 from pcnclaws.linalg3 import deviator, exp_symmetric, identity_like, matmul, safe_norm
 
 # PyTorch warns of its own use of torch.jit when it loads forward mode
-pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")
+pytestmark = [
+    pytest.mark.usefixtures("each_backend"),
+    pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning"),
+]
 
 
 def away_from_kinks() -> Tensor:

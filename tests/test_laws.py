@@ -14,6 +14,8 @@ from pcnclaws.laws.parameters import lame_constants
 from pcnclaws.laws.plasticity import DruckerPrager, NoPlasticity, VonMises
 from pcnclaws.linalg3 import deviator, exp_symmetric, hencky_strain, identity_like, matmul, safe_norm, trace, transpose
 
+pytestmark = pytest.mark.usefixtures("each_backend")
+
 HOOKE = {"youngs_modulus": 3e5, "poissons_ratio": 0.3}
 SAND = HOOKE | {"friction_angle": 30.0}
 PLASTICINE = HOOKE | {"yield_stress": 4e3}

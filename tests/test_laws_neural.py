@@ -11,6 +11,8 @@ from pcnclaws.laws.materials import MATERIALS, Laws
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.linalg3 import identity_like, matmul, transpose
 
+pytestmark = pytest.mark.usefixtures("each_backend")
+
 
 def with_random_weights(material: str, name: str, size: float) -> Laws:
     """Neural laws in float64 whose weights are displaced at random."""

@@ -24,6 +24,8 @@ from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.rollout import simulate
 
+pytestmark = pytest.mark.usefixtures("each_backend")
+
 
 @pytest.mark.parametrize("density", [1000.0, 1e-3, 1e-12 * PARTICLES / 0.2**3])
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-13), (torch.float32, 1e-5)])

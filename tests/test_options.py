@@ -15,6 +15,7 @@ DEFAULTS = {
     "scene.name": None,
     "picture": True,
     "output": "x.h5",
+    "problem.sizes": [10, 20],
 }
 
 
@@ -28,6 +29,8 @@ DEFAULTS = {
         ("scene.name", ["a", "b"]),
         ("picture", False),
         ("output", "a b.h5"),
+        ("problem.sizes", [30]),
+        ("problem.sizes", []),
     ],
 )
 def test_values_of_the_kind_of_the_default_are_accepted(option, value):
@@ -55,6 +58,8 @@ def test_values_of_the_kind_of_the_default_are_accepted(option, value):
         ("scene.name", {"deep": [1, math.inf]}, "accepted: finite numbers"),
         ("picture", "maybe", "picture=maybe is not accepted; accepted: true or false"),
         ("output", 5, "output=5 is not accepted; accepted: text"),
+        ("problem.sizes", [1.5], "problem.sizes=[1.5] is not accepted; accepted: a list, each a whole number"),
+        ("problem.sizes", 10, "problem.sizes=10 is not accepted; accepted: a list, each a whole number"),
     ],
 )
 def test_values_of_another_kind_are_refused(option, value, line):
@@ -66,7 +71,7 @@ def test_values_of_another_kind_are_refused(option, value, line):
     ("option", "line"),
     [
         ("simulation.stpes", "accepted: simulation.steps, simulation.time_step; did you mean 'simulation.steps'?"),
-        ("ouput", "accepted: output, picture, scene.name, scene.velocity, simulation.steps"),
+        ("ouput", "accepted: output, picture, problem.sizes, scene.name, scene.velocity, simulation.steps"),
         ("scene.velocity.x", "accepted: scene.name, scene.velocity"),
     ],
 )

@@ -26,6 +26,8 @@ from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
 from pcnclaws.rollout import simulate
 
+pytestmark = pytest.mark.usefixtures("each_backend")
+
 
 class Motion(NamedTuple):
     """How a body starts: centre [m], velocity [m/s], spin [rad/s], and the gravity that acts on it."""

@@ -14,6 +14,8 @@ from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
 from pcnclaws.rollout import differentiable_rollout, simulate
 
+pytestmark = pytest.mark.usefixtures("each_backend")
+
 
 def test_frames_and_keyframes_are_the_states_of_a_plain_loop() -> None:
     scenes, state = small_scene(), small_body()

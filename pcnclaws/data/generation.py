@@ -25,6 +25,7 @@ from pcnclaws.data.sampling import SPLITS, DataSetPlan, planned_scenes
 from pcnclaws.data.scenes import SceneStart, simulate_records
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import analytic_laws
+from pcnclaws.skips import Skips
 
 MANIFEST = "data_set.json"
 # Raised whenever the same plan would give other data, so that older data is not taken for it.
@@ -36,10 +37,15 @@ Progress = Callable[[str, int, int], None]
 
 
 def generate_data_set(
-    plan: DataSetPlan, folder: str | Path, device: str | torch.device = "cpu", progress: Progress | None = None
+    plan: DataSetPlan,
+    folder: str | Path,
+    device: str | torch.device = "cpu",
+    progress: Progress | None = None,
+    skips: Skips | None = None,
 ) -> dict[str, list[Path]]:
     """Makes what is missing of a data set, with the analytic laws; the files by split.
 
+    skips   how the scenes are simulated; no part of the plan, since the data is the same within rounding
     raises  UserError when the folder holds other data, SimulationDiverged naming the scene
     """
     folder = Path(folder)
@@ -51,7 +57,7 @@ def generate_data_set(
         missing = _missing_batches(plan, folder, scenes)
         for number, (split, batch) in enumerate(missing):
             report = _of_batch(progress, split, plan.steps, number, len(missing))
-            _make_batch(plan, folder / split, batch, device, report)
+            _make_batch(plan, folder / split, batch, device, report, skips)
     return {split: [folder / split / f"{start.name}.h5" for start in scenes[split]] for split in SPLITS}
 
 
@@ -88,6 +94,7 @@ def _make_batch(
     batch: Sequence[SceneStart],
     device: str | torch.device,
     progress: Callable[[int], None] | None,
+    skips: Skips | None,
 ) -> None:
     records = simulate_records(
         batch,
@@ -98,6 +105,8 @@ def _make_batch(
         getattr(torch, plan.precision),
         device,
         progress,
+        skips,
+        velocities=True,
     )
     for start, record in zip(batch, records, strict=True):
         path = folder / f"{record.name}.h5"

@@ -18,11 +18,14 @@ from pcnclaws.data.records import Keyframes, SceneRecord
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import MATERIALS, Laws
 from pcnclaws.laws.parameters import validate_parameters
+from pcnclaws.laws.plasticity import NoPlasticity
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.rollout import Trajectory, simulate
+from pcnclaws.recording import FramePlan, Trajectory
+from pcnclaws.rollout import simulate_scenes
 from pcnclaws.simulator import Simulator
+from pcnclaws.skips import Skips
 
 
 @dataclass(frozen=True)
@@ -143,25 +146,38 @@ def simulate_records(
     dtype: torch.dtype = torch.float32,
     device: str | torch.device = "cpu",
     progress: Callable[[int], None] | None = None,
+    skips: Skips | None = None,
+    velocities: bool = False,
 ) -> list[SceneRecord]:
     """Simulates scenes, those of the same settings as one batch, and records them; results in the order of `starts`.
 
     every           steps between frames
     keyframe_every  steps between keyframes, 0 for none
     progress        called with the number of steps just done, of steps x len(group_by_settings(starts)) in all
+    skips           what is left out, everything that can be by default
+    velocities      record the velocities at the frames, too
     raises          SimulationDiverged, naming scene, step and particle
     """
+    skips = skips or Skips()
+    plan = FramePlan(steps, every, keyframe_every, velocities)
     done: dict[int, SceneRecord] = {}
     for group in group_by_settings(starts):
-        simulator = Simulator(*laws, MPMIntegrator(group[0].settings))
-        simulator = copy.deepcopy(simulator).to(device=device, dtype=dtype)
+        simulator = copy.deepcopy(simulator_of(laws, group[0].settings, skips)).to(device=device, dtype=dtype)
         batch = batch_scenes(group, dtype, device)
-        step = simulator.step_function(batch.scenes, batch.parameters)
-        trajectory = simulate(
-            step, batch.state, batch.scenes, steps, every, keyframe_every, batch.names, progress=progress
-        )
+        if not skips.graph:  # as if somebody wanted to differentiate
+            for tensor in (*simulator.parameters(), *batch.parameters.values()):
+                tensor.requires_grad_()
+        fields = (batch.state, batch.scenes, batch.parameters)
+        trajectory = simulate_scenes(simulator, *fields, plan, batch.names, progress, skips)
         done |= {id(start): record for start, record in zip(group, _records(group, batch, trajectory), strict=True)}
     return [done[id(start)] for start in starts]
+
+
+def simulator_of(laws: Laws, settings: SimulationSettings, skips: Skips | None = None) -> Simulator:
+    """The simulator of these laws, with the parts that the switches leave."""
+    skips = skips or Skips()
+    plasticity = laws.plasticity or (None if skips.plasticity else NoPlasticity())
+    return Simulator(laws.elasticity, plasticity, MPMIntegrator(settings, skips.grid_window))
 
 
 def vectors_first(vectors: np.ndarray) -> np.ndarray:
@@ -193,19 +209,19 @@ def join_positions(
 
 def _records(starts: Sequence[SceneStart], batch: SceneBatch, trajectory: Trajectory) -> list[SceneRecord]:
     counts = batch.particle_counts
-    step, keyframe_step = trajectory.step.cpu().numpy(), trajectory.keyframe_step.cpu().numpy()
+    step, keyframe_step = trajectory.step.numpy(), trajectory.keyframe_step.numpy()
     fields = zip(
         starts,
         split_vectors(trajectory.position, counts),
         split_vectors(trajectory.velocity, counts),
+        split_vectors(trajectory.keyframe_velocity, counts),
         split_matrices(trajectory.affine, counts),
         split_matrices(trajectory.deformation, counts),
         strict=True,
     )
     records = []
-    for start, position, velocity, affine, deformation in fields:
+    for start, position, velocity, *full_states in fields:
         at = np.searchsorted(step, keyframe_step)
-        keyframes = Keyframes(keyframe_step, position[at], velocity[at], affine, deformation) if len(at) else None
         records.append(
             SceneRecord(
                 start.name,
@@ -215,9 +231,9 @@ def _records(starts: Sequence[SceneStart], batch: SceneBatch, trajectory: Trajec
                 step * start.settings.time_step,
                 position,
                 start.volume.astype(np.float32),
-                velocity[0],
-                velocity,
-                keyframes,
+                start.velocity.astype(np.float32),
+                velocity if len(velocity) else None,
+                Keyframes(keyframe_step, position[at], *full_states) if len(at) else None,
             )
         )
     return records

@@ -10,6 +10,7 @@ from pcnclaws.data.sampling import DataSetPlan, planned_scenes
 from pcnclaws.data.scenes import SceneStart, simulate_records
 from pcnclaws.errors import unknown_name
 from pcnclaws.laws.materials import Material, analytic_laws
+from pcnclaws.skips import Skips
 
 # Task -> split of the material's standard data set.
 SPLITS = {"reconstruction": "train", "unseen": "test"}
@@ -27,15 +28,15 @@ def true_records(
     material: Material,
     device: str | torch.device = "cpu",
     progress: Callable[[int], None] | None = None,
+    skips: Skips | None = None,
 ) -> list[SceneRecord]:
     """The scenes' true motion, by the analytic laws in single precision, as the standard data set records it.
 
     progress  called with the number of steps just done, of `steps_of_truth(material)` in all
     """
     plan = DataSetPlan(material)
-    return simulate_records(
-        starts, analytic_laws(material), plan.steps, plan.every, plan.keyframe_every, device=device, progress=progress
-    )
+    recorded = (plan.steps, plan.every, plan.keyframe_every)
+    return simulate_records(starts, analytic_laws(material), *recorded, device=device, progress=progress, skips=skips)
 
 
 def steps_of_truth(material: Material) -> int:

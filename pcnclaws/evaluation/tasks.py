@@ -14,6 +14,8 @@ from pcnclaws.errors import UserError
 from pcnclaws.evaluation.stress import stress_error
 from pcnclaws.laws.materials import Laws, Material, analytic_laws, material_named
 from pcnclaws.metrics import mse_sum, position_mse, position_mse_by_frame, rms_percent
+from pcnclaws.skips import Skips
+from pcnclaws.time_step import automatic_time_step, largest_speed
 
 
 @dataclass(frozen=True)
@@ -58,11 +60,13 @@ def evaluate_records(
     dtype: torch.dtype = torch.float32,
     device: str | torch.device = "cpu",
     progress: Callable[[int], None] | None = None,
+    skips: Skips | None = None,
 ) -> list[SceneResult]:
     """Simulates each record from its first frame with its own parameters and settings and compares at its frames.
 
     A frame that lies between two steps is compared with the linear interpolation of the two.
     progress  called with the number of steps just done, of `steps_to_run(records)` in all
+    skips     what the simulation leaves out, everything that it can by default
     raises    UserError for a record that cannot be evaluated; SimulationDiverged
     """
     material = _material_of(records)
@@ -70,7 +74,7 @@ def evaluate_records(
     predicted: dict[int, SceneRecord] = {}
     for (steps, every), members in _plans(records).items():
         group = [starts[index] for index in members]
-        runs = simulate_records(group, laws, steps, every, 0, dtype, device, progress)
+        runs = simulate_records(group, laws, steps, every, 0, dtype, device, progress, skips)
         for index, run in zip(members, runs, strict=True):
             predicted[index] = _at_frames_of(records[index], run.position, every)
     analytic = analytic_laws(material)
@@ -81,6 +85,20 @@ def steps_to_run(records: Sequence[SceneRecord]) -> int:
     """Number of steps that evaluate_records reports to its `progress` in all."""
     groups = {plan: [records[index] for index in members] for plan, members in _plans(records).items()}
     return sum(steps * len(group_by_settings(group)) for (steps, _), group in groups.items())
+
+
+def in_automatic_time_step(record: SceneRecord) -> SceneRecord:
+    """The record with the settings of a time step of its own: the longest of CFL number 0.4 that meets its frames.
+
+    Where the frames lie between the steps of the record anyway, the longest of all.
+    """
+    start, places = start_of(record), _places(record)
+    speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
+    step = automatic_time_step(start.settings, start.parameters, speed)
+    if places[-1] > 0.0 and (places == np.rint(places)).all():
+        spacing = math.gcd(*places.astype(np.int64).tolist()) * record.settings.time_step
+        step = spacing / math.ceil(spacing / step)
+    return replace(record, settings=replace(record.settings, time_step=step))
 
 
 def mean_mse(results: Sequence[SceneResult]) -> float:

@@ -1,5 +1,9 @@
 """Analytic elasticity: the ground truth that neural laws are trained on and compared with."""
 
+from collections.abc import Sequence
+
+from torch import Tensor
+
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.parameters import lame_constants
 from pcnclaws.linalg3 import determinant, hencky_strain, identity_like, left_stretch, trace
@@ -10,6 +14,10 @@ class FixedCorotated(Elasticity):
     """Fixed corotated elasticity, the material of soft elastic bodies."""
 
     parameter_names = ("youngs_modulus", "poissons_ratio")
+    kernel = "FixedCorotated"
+
+    def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
+        return lame_constants(parameters)[::-1]
 
     def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
         """Kirchhoff stress of the fixed corotated energy.
@@ -34,6 +42,10 @@ class StVKHencky(Elasticity):
     """St. Venant-Kirchhoff elasticity in Hencky strain, the elastic part of sand and plasticine."""
 
     parameter_names = ("youngs_modulus", "poissons_ratio")
+    kernel = "StVKHencky"
+
+    def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
+        return lame_constants(parameters)[::-1]
 
     def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
         """Kirchhoff stress of the Hencky form of St. Venant-Kirchhoff elasticity.

@@ -29,6 +29,11 @@ class ConditionalMLP(nn.Module):
         if zero_start:
             nn.init.zeros_(self.weights[-1])
 
+    @property
+    def all_weights(self) -> tuple[Tensor, ...]:
+        """The matrices of the layers, then their biases."""
+        return (*self.weights, *self.biases)
+
     def forward(self, x: Float[Tensor, "inputs particles"]) -> Float[Tensor, "outputs particles"]:
         *hidden, (last_weight, last_bias) = zip(self.weights, self.biases, strict=True)
         for weight, bias in hidden:

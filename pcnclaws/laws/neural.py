@@ -6,7 +6,7 @@ Hencky energy, so that a rollout cannot blow up. The networks learn what is left
 strain, and the shape of the yield surface.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import torch
 from torch import Tensor
@@ -50,11 +50,20 @@ class ElasticNet(Elasticity):
     small strain. An untrained network is the Hencky law. The stress need not be the derivative of an energy.
     """
 
+    kernel = "ElasticNet"
+
     def __init__(self, material: Material, width: int) -> None:
         super().__init__()
         self.parameter_names = material.elasticity.parameter_names
         self.condition = DimensionlessParameters(material.ranges, self.parameter_names)
         self.network = ConditionalMLP(3 + self.condition.count, 6, width)
+
+    def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
+        lam, mu = lame_constants(parameters)
+        return mu, lam, *self.condition(parameters)
+
+    def kernel_weights(self) -> Sequence[Tensor]:
+        return self.network.all_weights
 
     def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
         """Kirchhoff stress tau [Pa], (3, 3, particles), symmetric."""
@@ -85,6 +94,8 @@ class PlasticNet(Plasticity):
     Both |dev h| and |tr h| can only shrink, so that the Hencky energy can only be released.
     """
 
+    kernel = "PlasticNet"
+
     def __init__(self, material: Material, width: int) -> None:
         super().__init__()
         if material.plasticity is None:
@@ -93,12 +104,18 @@ class PlasticNet(Plasticity):
         self.condition = DimensionlessParameters(material.ranges, self.parameter_names)
         self.network = ConditionalMLP(3 + self.condition.count, 3, width)
 
+    def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
+        return self._unit(parameters), *self.condition(parameters)
+
+    def kernel_weights(self) -> Sequence[Tensor]:
+        return self.network.all_weights
+
     def return_map(self, trial: Matrices, parameters: Parameters) -> Matrices:
         """Elastic deformation gradient after plastic flow [-], (3, 3, particles)."""
         h = hencky_strain(trial)
         dev, volumetric = deviator(h), trace(h)
         shear = safe_norm(dev)
-        unit = yield_strain(parameters) if "yield_stress" in self.parameter_names else REFERENCE_YIELD_STRAIN
+        unit = self._unit(parameters)
         tension, cohesion, friction = self._surface(dev, volumetric, shear, parameters)
 
         volumetric_after = torch.minimum(volumetric, unit * tension)
@@ -107,6 +124,12 @@ class PlasticNet(Plasticity):
         flow = torch.where(shear > limit, kept - 1.0, 0.0) * dev
         flow = flow + identity_like(h) * ((volumetric_after - volumetric) / 3.0)
         return matmul(exp_symmetric(flow), trial)
+
+    def _unit(self, parameters: Parameters) -> Scalars:
+        """The strain that tensile limit and cohesion are measured in."""
+        if "yield_stress" in self.parameter_names:
+            return yield_strain(parameters)
+        return torch.full_like(parameters["youngs_modulus"], REFERENCE_YIELD_STRAIN)
 
     def _surface(
         self, dev: Matrices, volumetric: Scalars, shear: Scalars, parameters: Parameters

@@ -6,8 +6,10 @@ needed, since h and h' commute.
 """
 
 import math
+from collections.abc import Sequence
 
 import torch
+from torch import Tensor
 
 from pcnclaws.laws.base import Plasticity
 from pcnclaws.laws.parameters import lame_constants
@@ -28,6 +30,10 @@ class DruckerPrager(Plasticity):
     """Cohesionless friction: the shear a material bears is proportional to the pressure on it."""
 
     parameter_names = ("youngs_modulus", "poissons_ratio", "friction_angle")
+    kernel = "DruckerPrager"
+
+    def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
+        return (_yield_slope(parameters),)
 
     def return_map(self, trial: Matrices, parameters: Parameters) -> Matrices:
         """Elastic deformation gradient after frictional flow.
@@ -45,12 +51,9 @@ class DruckerPrager(Plasticity):
         returns     elastic deformation gradient [-], (3, 3, particles)
         source      Klar et al. 2016, "Drucker-Prager elastoplasticity for sand animation"
         """
-        lam, mu = lame_constants(parameters)
-        sine = torch.sin(parameters["friction_angle"] * (math.pi / 180.0))
-        alpha = math.sqrt(2.0 / 3.0) * 2.0 * sine / (3.0 - sine)
         h = hencky_strain(trial)
         volumetric, shear = trace(h), safe_norm(deviator(h))
-        excess = shear + (3.0 * lam + 2.0 * mu) / (2.0 * mu) * volumetric * alpha
+        excess = shear + _yield_slope(parameters) * volumetric
         flow = isochoric_flow(h, shear, excess.clamp_min(0.0))
         return matmul(exp_symmetric(torch.where(volumetric > 0.0, -h, flow)), trial)
 
@@ -59,6 +62,10 @@ class VonMises(Plasticity):
     """Perfect plasticity with a bound on the shear stress, independent of pressure."""
 
     parameter_names = ("youngs_modulus", "poissons_ratio", "yield_stress")
+    kernel = "VonMises"
+
+    def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
+        return (_yield_strain(parameters),)
 
     def return_map(self, trial: Matrices, parameters: Parameters) -> Matrices:
         """Elastic deformation gradient after isochoric flow.
@@ -74,10 +81,9 @@ class VonMises(Plasticity):
         source      Mises 1913; the return in Hencky strain as in Gao et al. 2017, "An adaptive generalized
                     interpolation material point method for simulating elastoplastic materials"
         """
-        _, mu = lame_constants(parameters)
         h = hencky_strain(trial)
         shear = safe_norm(deviator(h))
-        excess = shear - parameters["yield_stress"] / (2.0 * mu)
+        excess = shear - _yield_strain(parameters)
         return matmul(exp_symmetric(isochoric_flow(h, shear, excess.clamp_min(0.0))), trial)
 
 
@@ -89,3 +95,17 @@ def isochoric_flow(strain: Matrices, shear: Scalars, amount: Scalars) -> Matrice
     amount  plastic flow, 0 to |dev h| [-], (particles,)
     """
     return deviator(strain) * (-amount / torch.where(shear > 0.0, shear, 1.0))
+
+
+def _yield_slope(parameters: Parameters) -> Scalars:
+    """How much shear strain |dev h| a unit of compression tr h bears, (3 lambda + 2 mu)/(2 mu) alpha [-]."""
+    lam, mu = lame_constants(parameters)
+    sine = torch.sin(parameters["friction_angle"] * (math.pi / 180.0))
+    alpha = math.sqrt(2.0 / 3.0) * 2.0 * sine / (3.0 - sine)
+    return (3.0 * lam + 2.0 * mu) / (2.0 * mu) * alpha
+
+
+def _yield_strain(parameters: Parameters) -> Scalars:
+    """Shear strain |dev h| at which the yield stress is reached, tau_Y/(2 mu) [-]."""
+    _, mu = lame_constants(parameters)
+    return parameters["yield_stress"] / (2.0 * mu)

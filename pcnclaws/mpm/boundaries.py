@@ -15,9 +15,7 @@ def wall_nodes(grid: Grid, wall_distance: float) -> Bool[Tensor, "2 3 nodes"]:
 
     A wall acts on every node at most `wall_distance` [m] from a side, and on the padding beyond the side.
     """
-    coordinate = grid.coordinates()
-    reach = wall_distance + DISTANCE_TOLERANCE * grid.spacing
-    sides = torch.stack((coordinate <= reach, coordinate >= 1.0 - reach))
+    sides = _sides(grid, wall_distance)
     shape = (2, grid.edge, grid.edge, grid.edge)
     by_axis = (
         sides[:, :, None, None].expand(shape),
@@ -25,6 +23,12 @@ def wall_nodes(grid: Grid, wall_distance: float) -> Bool[Tensor, "2 3 nodes"]:
         sides[:, None, None, :].expand(shape),
     )
     return torch.stack(by_axis, dim=1).flatten(2)
+
+
+def axis_walls(grid: Grid, wall_distance: float) -> bytes:
+    """What the nodes of an axis are: 1 in a wall at the low side, 2 at the high side, 3 in both, 0 in none."""
+    low, high = _sides(grid, wall_distance)
+    return bytes((low.long() + 2 * high.long()).tolist())
 
 
 def apply_walls(
@@ -41,3 +45,10 @@ def apply_walls(
     if boundary == "stick":
         into_wall = into_wall.any(0, keepdim=True)
     return torch.where(into_wall, 0.0, velocity)
+
+
+def _sides(grid: Grid, wall_distance: float) -> Bool[Tensor, "2 edge"]:
+    """Which nodes of an axis belong to the wall at its low side, [0], and at its high side, [1]."""
+    coordinate = grid.coordinates()
+    reach = wall_distance + DISTANCE_TOLERANCE * grid.spacing
+    return torch.stack((coordinate <= reach, coordinate >= 1.0 - reach))

@@ -3,8 +3,11 @@
 import torch
 from torch import Tensor, nn
 
+from pcnclaws.compiled.kernels import kernels_serve
+from pcnclaws.compiled.step import StepSettings
+from pcnclaws.compiled.step import step as compiled_step
 from pcnclaws.linalg3 import matmul
-from pcnclaws.mpm.boundaries import apply_walls, wall_nodes
+from pcnclaws.mpm.boundaries import apply_walls, axis_walls, wall_nodes
 from pcnclaws.mpm.grid import Grid
 from pcnclaws.mpm.kernels import quadratic_stencil
 from pcnclaws.mpm.settings import SimulationSettings
@@ -23,10 +26,18 @@ class MPMIntegrator(nn.Module):
     stencil_offsets: Tensor
     walls: Tensor
 
-    def __init__(self, settings: SimulationSettings) -> None:
+    def __init__(self, settings: SimulationSettings, window: bool = True) -> None:
+        """window: let the compiled step compute only the part of the grid that particles touch."""
         super().__init__()
         self.settings = settings
         self.grid = Grid(settings.grid_nodes)
+        self.compiled = StepSettings(
+            settings.time_step,
+            settings.grid_nodes,
+            settings.boundary == "stick",
+            window,
+            axis_walls(self.grid, settings.wall_distance),
+        )
         self.register_buffer("stencil_offsets", self.grid.stencil_offsets(), persistent=False)
         self.register_buffer("walls", wall_nodes(self.grid, settings.wall_distance), persistent=False)
 
@@ -35,6 +46,10 @@ class MPMIntegrator(nn.Module):
 
         stress  Kirchhoff stress tau [Pa] of state.deformation, (3, 3, particles)
         """
+        bodies = (scenes.scene_index, scenes.mass, scenes.volume, scenes.gravity)
+        if kernels_serve(state.position, constants=bodies):
+            return ParticleState(*compiled_step(self.compiled, bodies, (*state, stress)))
+
         dt, dx = self.settings.time_step, self.grid.spacing
         stencil = quadratic_stencil(state.position, scenes.scene_index, self.grid, self.stencil_offsets)
 

@@ -13,14 +13,14 @@ from torch import Tensor, nn
 
 from pcnclaws.data.dataset import SegmentBatch
 from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import simulate_records, start_of
+from pcnclaws.data.scenes import simulate_records, simulator_of, start_of
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.laws.materials import Laws
 from pcnclaws.metrics import position_mse
-from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.rollout import differentiable_rollout
 from pcnclaws.simulator import Simulator
+from pcnclaws.skips import Skips
 from pcnclaws.training.losses import position_loss
 
 log = logging.getLogger(__name__)
@@ -28,8 +28,6 @@ log = logging.getLogger(__name__)
 # Squared metres are tiny numbers: the optimiser sees the loss times this, meant to keep gradients above its epsilon of
 # 1e-8.
 LOSS_SCALE = 1e8
-# Above this many particle-steps in a batch the graph of a segment is not kept but computed again.
-MOST_PARTICLE_STEPS = 100_000
 # So many iterations in a row without a finite gradient end a run.
 MOST_SKIPPED = 20
 
@@ -71,14 +69,20 @@ class ConstitutiveModule(LightningModule, ABC):
     settings    the simulation settings that the batches' group numbers stand for
     optimiser   see OptimiserSettings
     iterations  length of the learning-rate schedule
+    skips       what the simulations leave out, everything that they can by default
     """
 
     def __init__(
-        self, laws: Laws, settings: Sequence[SimulationSettings], optimiser: OptimiserSettings, iterations: int
+        self,
+        laws: Laws,
+        settings: Sequence[SimulationSettings],
+        optimiser: OptimiserSettings,
+        iterations: int,
+        skips: Skips | None = None,
     ) -> None:
         super().__init__()
-        self.laws = laws
-        self.simulators = nn.ModuleList(Simulator(*laws, MPMIntegrator(setting)) for setting in settings)
+        self.laws, self.skips = laws, skips or Skips()
+        self.simulators = nn.ModuleList(simulator_of(laws, setting, self.skips) for setting in settings)
         self.settings, self.iterations = optimiser, iterations
         self.skipped = self.skipped_in_row = 0
 
@@ -89,12 +93,9 @@ class ConstitutiveModule(LightningModule, ABC):
 
     def training_step(self, batch: SegmentBatch, batch_idx: int) -> Tensor:
         simulator = cast(Simulator, self.simulators[batch.group])
+        fields = (batch.state, batch.scenes, batch.parameters)
         recompute = self.settings.recompute
-        if recompute is None:
-            recompute = batch.steps * batch.scenes.mass.numel() > MOST_PARTICLE_STEPS
-        predicted = differentiable_rollout(
-            simulator, batch.state, batch.scenes, batch.parameters, batch.steps, batch.every, recompute
-        )
+        predicted = differentiable_rollout(simulator, *fields, batch.steps, batch.every, recompute, self.skips)
         loss = position_loss(predicted, batch.target)
         self.log("loss", loss.detach(), batch_size=1)
         self.log("segment_length", float(batch.steps), batch_size=1)
@@ -138,6 +139,7 @@ class ConstitutiveModule(LightningModule, ABC):
                 every,
                 dtype=weight.dtype,
                 device=weight.device,
+                skips=self.skips,
             )
         except SimulationDiverged as divergence:
             log.warning("check failed: %s", divergence)

@@ -1,0 +1,118 @@
+"""Isotropic laws as kernels, differentiable in both modes.
+
+The lines of each law stand in source/laws.hpp, in principal axes; its derivatives follow from them by dual numbers.
+"""
+
+import ctypes
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from pcnclaws.compiled.kernels import address, addresses, call
+
+# in the order of `choose` in source/kernels.cpp
+LAWS = ("FixedCorotated", "StVKHencky", "DruckerPrager", "VonMises", "ElasticNet", "PlasticNet")
+LAYERS = 3
+
+
+class _Weights(ctypes.Structure):
+    _fields_ = (
+        ("weights", ctypes.c_void_p * LAYERS),
+        ("biases", ctypes.c_void_p * LAYERS),
+        ("sizes", ctypes.c_int * (LAYERS + 1)),
+    )
+
+
+class _LawInput(ctypes.Structure):
+    _fields_ = (
+        ("particles", ctypes.c_int64),
+        ("deformation", ctypes.c_void_p),
+        ("parameters", ctypes.c_void_p),
+        ("rows", ctypes.c_int),
+        ("weights", ctypes.c_void_p),
+    )
+
+
+def isotropic_law(law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor] = ()) -> Tensor:
+    """Kirchhoff stress [Pa] or elastic deformation gradient [-] of a law, (3, 3, particles).
+
+    law          one of LAWS
+    deformation  F [-], (3, 3, particles), det F > 0
+    parameters   what source/laws.hpp names for the law, then further inputs of its network, (rows, particles)
+    weights      of a network with two hidden layers: three matrices (to, from), then three biases (to, 1)
+    """
+    return _Law.apply(LAWS.index(law), deformation, parameters, *weights)
+
+
+def _described(deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> tuple[_LawInput, Any]:
+    """The kernel's input, and what must stay alive while it runs."""
+    network = None
+    if weights:
+        network = _Weights()
+        for layer in range(LAYERS):
+            network.weights[layer] = weights[layer].data_ptr()
+            network.biases[layer] = weights[LAYERS + layer].data_ptr()
+            network.sizes[layer + 1] = weights[layer].shape[0]
+        network.sizes[0] = weights[0].shape[1]
+    pointer = ctypes.cast(ctypes.pointer(network), ctypes.c_void_p) if network is not None else None
+    particles = deformation.shape[2]
+    law_input = _LawInput(particles, deformation.data_ptr(), parameters.data_ptr(), parameters.shape[0], pointer)
+    return law_input, network
+
+
+class _Law(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, law: int, *tensors: Tensor) -> Tensor:
+        deformation, parameters, *weights = (tensor.contiguous() for tensor in tensors)
+        result = torch.empty_like(deformation)
+        law_input, _kept = _described(deformation, parameters, weights)
+        call("law_forward", deformation.dtype, law, ctypes.byref(law_input), address(result))
+        ctx.law = law
+        ctx.save_for_backward(deformation, parameters, *weights)
+        ctx.save_for_forward(deformation, parameters, *weights)
+        return result
+
+    @staticmethod
+    @once_differentiable
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride]  # the decorator is untyped
+        ctx: Any, incoming: Tensor
+    ) -> tuple[Tensor | None, ...]:
+        deformation, parameters, *weights = ctx.saved_tensors
+        gradient = torch.empty_like(deformation)
+        of_parameters = torch.empty_like(parameters) if ctx.needs_input_grad[2] else None
+        of_weights = [torch.empty_like(weight) for weight in weights] if any(ctx.needs_input_grad[3:]) else []
+        law_input, _kept = _described(deformation, parameters, weights)
+        call(
+            "law_adjoint",
+            deformation.dtype,
+            ctx.law,
+            ctypes.byref(law_input),
+            address(incoming.contiguous()),
+            address(gradient),
+            address(of_parameters),
+            addresses(*of_weights) if of_weights else None,
+        )
+        return (None, gradient, of_parameters, *(of_weights or [None] * len(weights)))
+
+    @staticmethod
+    def jvp(ctx: Any, *rates: Tensor | None) -> Tensor:  # pyright: ignore[reportIncompatibleMethodOverride]
+        deformation, parameters, *weights = ctx.saved_tensors
+        of_deformation, of_parameters = (
+            torch.zeros_like(field) if rate is None else rate.contiguous()
+            for field, rate in zip((deformation, parameters), rates[1:3], strict=True)
+        )
+        result = torch.empty_like(deformation)
+        law_input, _kept = _described(deformation, parameters, weights)
+        call(
+            "law_rates",
+            deformation.dtype,
+            ctx.law,
+            ctypes.byref(law_input),
+            address(of_deformation),
+            address(of_parameters),
+            address(result),
+        )
+        return result

@@ -1,0 +1,111 @@
+"""The MLS-MPM step of pcnclaws/mpm/integrator.py as one kernel, differentiable in both modes."""
+
+import ctypes
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from pcnclaws.compiled.kernels import addresses, call
+
+MoreTensors = tuple[Tensor | None, ...]
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """What the kernel needs to know beside the particles.
+
+    time_step  [s]
+    nodes      cells along an edge of the domain
+    stick      whether walls hold the whole velocity
+    window     whether only the part of the grid that particles touch is computed
+    walls      of the nodes -1 to nodes + 1 of an axis: 1 for a wall at the low side, 2 at the high side, 0 for none
+    """
+
+    time_step: float
+    nodes: int
+    stick: bool
+    window: bool
+    walls: bytes
+
+
+class _Settings(ctypes.Structure):
+    _fields_ = (
+        ("time_step", ctypes.c_double),
+        ("nodes", ctypes.c_int64),
+        ("stick", ctypes.c_int64),
+        ("window", ctypes.c_int64),
+        ("walls", ctypes.c_char_p),
+    )
+
+
+class _Bodies(ctypes.Structure):
+    _fields_ = (
+        ("particles", ctypes.c_int64),
+        ("scenes", ctypes.c_int64),
+        ("scene", ctypes.c_void_p),
+        ("mass", ctypes.c_void_p),
+        ("volume", ctypes.c_void_p),
+        ("gravity", ctypes.c_void_p),
+    )
+
+
+def step(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+    """Position, velocity, affine and trial deformation one time step later.
+
+    bodies  scene_index (particles,) in increasing order, mass and volume (particles,), gravity (3, scenes)
+    state   position, velocity (3, particles), affine, deformation and Kirchhoff stress (3, 3, particles)
+    """
+    return _Step.apply(settings, *bodies, *state)
+
+
+@cache
+def _settings(settings: StepSettings) -> _Settings:
+    return _Settings(settings.time_step, settings.nodes, settings.stick, settings.window, settings.walls)
+
+
+def _call(name: str, settings: StepSettings, bodies: tuple[Tensor, ...], *fields: tuple[Tensor, ...]) -> None:
+    scene, mass, volume, gravity = bodies
+    arrays = [tensor.data_ptr() for tensor in (scene, mass, volume, gravity)]
+    described = _Bodies(mass.numel(), gravity.shape[1], *arrays)
+    pointers = [addresses(*group) for group in fields]
+    call(name, mass.dtype, ctypes.byref(_settings(settings)), ctypes.byref(described), *pointers)
+
+
+def _contiguous(tensors: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+    return tuple(tensor.contiguous() for tensor in tensors)
+
+
+class _Step(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, settings: StepSettings, *tensors: Tensor) -> tuple[Tensor, ...]:
+        bodies, state = _contiguous(tensors[:4]), _contiguous(tensors[4:])
+        after = tuple(torch.empty_like(field) for field in state[:4])
+        _call("step_forward", settings, bodies, state, after)
+        ctx.settings = settings
+        ctx.save_for_backward(*bodies, *state, after[1], after[2])
+        ctx.save_for_forward(*bodies, *state)
+        return after
+
+    @staticmethod
+    @once_differentiable
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride]  # the decorator is untyped
+        ctx: Any, *incoming: Tensor
+    ) -> MoreTensors:
+        bodies, state, (velocity, affine) = ctx.saved_tensors[:4], ctx.saved_tensors[4:9], ctx.saved_tensors[9:]
+        gradient = tuple(torch.empty_like(field) for field in state)
+        after = (velocity, velocity, affine)
+        _call("step_adjoint", ctx.settings, bodies, state, after, _contiguous(incoming), gradient)
+        return (None, None, None, None, None, *gradient)
+
+    @staticmethod
+    def jvp(ctx: Any, *rates: Tensor | None) -> tuple[Tensor, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        bodies, state = ctx.saved_tensors[:4], ctx.saved_tensors[4:9]
+        given = zip(state, rates[5:], strict=True)
+        before = tuple(torch.zeros_like(field) if rate is None else rate.contiguous() for field, rate in given)
+        after, after_rates = (tuple(torch.empty_like(field) for field in state[:4]) for _ in range(2))
+        _call("step_rates", ctx.settings, bodies, state, before, after, after_rates)
+        return after_rates

@@ -1,0 +1,179 @@
+"""The compiled kernels against the PyTorch reference: the step, its derivatives in both modes, and its corners."""
+
+import pytest
+import torch
+from bodies import per_particle, principal, seeded, uniform
+from compiled_checks import (
+    MATERIALS,
+    after_steps,
+    gradients,
+    in_dtype,
+    largest_difference,
+    moving_batch,
+    rates,
+    simulator_of,
+)
+from law_checks import rotations
+
+from pcnclaws.backend import using_backend
+from pcnclaws.compiled.build import find_compiler
+from pcnclaws.compiled.kernels import kernels_serve
+from pcnclaws.laws.elasticity import StVKHencky
+from pcnclaws.laws.materials import material_named
+from pcnclaws.laws.plasticity import DruckerPrager
+from pcnclaws.linalg3 import exp_symmetric, matmul
+from pcnclaws.tensor_types import Matrices, Parameters
+
+pytestmark = [
+    pytest.mark.skipif(find_compiler() is None, reason="needs a C++ compiler"),
+    pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning"),
+]
+BOTH = pytest.mark.parametrize("kind", ["analytic", "neural"])
+EACH = pytest.mark.parametrize("material", MATERIALS)
+
+
+@BOTH
+@EACH
+def test_states_and_derivatives_in_both_modes_equal_those_of_pytorch(material: str, kind: str) -> None:
+    simulator, batch = simulator_of(material, kind), moving_batch(material)
+    found = {}
+    for backend in ("torch", "compiled"):
+        with using_backend(backend):
+            assert kernels_serve(batch.state.position) == (backend == "compiled")
+            found[backend] = [
+                *after_steps(simulator, batch),
+                *gradients(simulator, batch),
+                *rates(simulator, batch),
+            ]
+    assert largest_difference(found["compiled"], found["torch"]) < 1e-11
+
+
+@BOTH
+@EACH
+def test_single_precision_is_as_right_as_that_of_pytorch(material: str, kind: str) -> None:
+    simulator, batch = simulator_of(material, kind), moving_batch(material)
+    expected = after_steps(simulator, batch)
+    errors = {}
+    for backend in ("torch", "compiled"):
+        with using_backend(backend):
+            single = after_steps(simulator.float(), in_dtype(batch, torch.float32))
+            errors[backend] = largest_difference(single, expected)
+        simulator.double()
+    assert errors["compiled"] < max(2.0 * errors["torch"], 1e-6)
+
+
+@pytest.mark.parametrize("width", [1, 7, 40, 130])
+def test_networks_of_any_width(width: int) -> None:
+    simulator, batch = simulator_of("plasticine", "neural", width=width), moving_batch("plasticine")
+    found = [*after_steps(simulator, batch), *gradients(simulator, batch)]
+    with using_backend("torch"):
+        expected = [*after_steps(simulator, batch), *gradients(simulator, batch)]
+    assert largest_difference(found, expected) < 1e-11
+
+
+def test_sticking_walls() -> None:
+    simulator, batch = simulator_of("sand", "analytic", "stick"), moving_batch("sand")
+    found = [*after_steps(simulator, batch), *gradients(simulator, batch), *rates(simulator, batch)]
+    with using_backend("torch"):
+        expected = [*after_steps(simulator, batch), *gradients(simulator, batch), *rates(simulator, batch)]
+    assert largest_difference(found, expected) < 1e-11
+
+
+@BOTH
+def test_the_number_of_threads_changes_no_bit(kind: str) -> None:
+    simulator, batch = simulator_of("sand", kind), moving_batch("sand", (3000, 40))
+    alone = [*after_steps(simulator, batch), *gradients(simulator, batch)]
+    torch.set_num_threads(2)
+    try:
+        together = [*after_steps(simulator, batch), *gradients(simulator, batch)]
+    finally:
+        torch.set_num_threads(1)
+    assert all(torch.equal(a, b) for a, b in zip(alone, together, strict=True))
+
+
+def test_the_window_of_the_grid_changes_no_bit() -> None:
+    batch = moving_batch("sand")
+    window = [*after_steps(s := simulator_of("sand", "analytic"), batch), *gradients(s, batch)]
+    whole = [*after_steps(s := simulator_of("sand", "analytic", window=False), batch), *gradients(s, batch)]
+    assert all(torch.equal(a, b) for a, b in zip(window, whole, strict=True))
+
+
+@BOTH
+def test_a_diverged_scene_disturbs_no_other(kind: str) -> None:
+    simulator, batch = simulator_of("sand", kind), moving_batch("sand")
+    healthy = after_steps(simulator, batch)
+    broken = batch.state._replace(position=batch.state.position.clone(), deformation=batch.state.deformation.clone())
+    of_first = batch.scenes.scene_index == 0
+    broken.position[:, 0] = torch.tensor([float("nan"), 1e30, -float("inf")])
+    broken.deformation[:, :, 1] = float("nan")
+    broken.deformation[:, :, 2] = 0.0
+    after = after_steps(simulator, batch._replace(state=broken))
+    assert all(torch.equal(a[..., ~of_first], b[..., ~of_first]) for a, b in zip(after, healthy, strict=True))
+    assert not bool(torch.isfinite(after.position[:, of_first]).all())
+
+
+def test_inside_of_the_yield_surface_nothing_changes_by_a_bit() -> None:
+    strain = principal(-0.02, -0.021, -0.0205)
+    trial = matmul(rotations(1, 50), exp_symmetric(strain).expand(3, 3, 50).contiguous())
+    parameters = per_particle(material_named("sand").defaults, 50)
+    assert torch.equal(DruckerPrager()(trial, parameters), trial)
+
+
+def test_extreme_stretches_keep_their_digits() -> None:
+    stretches = [(20.0, 0.05, 0.05), (20.0, 20.0, 0.05), (0.05, 1.0, 20.0), (1.0, 1.0, 1.0 + 1e-9)]
+    diagonal = torch.diag_embed(torch.tensor(stretches).double()).permute(1, 2, 0)
+    count = len(stretches)
+    q = rotations(2, count)
+    f = matmul(matmul(q, diagonal), rotations(3, count))
+    # mu = 1/2 and lambda = 0: the stress is the Hencky strain
+    parameters = per_particle({"youngs_modulus": 1.0, "poissons_ratio": 0.0}, count)
+    logarithms = diagonal.where(diagonal == 0.0, diagonal.log())
+    exact = matmul(matmul(q, logarithms), q.transpose(0, 1))
+    torch.testing.assert_close(StVKHencky()(f, parameters), exact, rtol=0, atol=2e-12)
+
+
+def test_gradient_of_the_laws_where_stretches_meet() -> None:
+    """Equal, nearly equal and just distinguishable stretches: the divided difference and its limit agree."""
+    gaps = torch.tensor([0.0, 1e-12, 1e-9, 1e-7, 1e-6, 5e-6, 2e-5, 1e-4, 1e-3]).double()
+    strain = torch.diag_embed(torch.stack((0.1 + gaps, 0.1 - gaps, torch.full_like(gaps, -0.3)), 1)).permute(1, 2, 0)
+    f = matmul(matmul(rotations(4, len(gaps)), exp_symmetric(strain)), rotations(5, len(gaps)))
+    simulator = simulator_of("plasticine", "neural")
+    parameters = per_particle(material_named("plasticine").defaults, len(gaps))
+    found = []
+    for backend in ("torch", "compiled"):
+        with using_backend(backend):
+            inputs = f.clone().requires_grad_()
+            assert simulator.plasticity is not None
+            after = simulator.plasticity(inputs, parameters)
+            stress = simulator.elasticity(inputs, parameters)
+            scalar = (after * uniform(seeded(6), *f.shape)).sum() + 1e-5 * (stress * uniform(seeded(7), *f.shape)).sum()
+            found.append(torch.autograd.grad(scalar, inputs)[0])
+    torch.testing.assert_close(found[1], found[0], rtol=1e-8, atol=1e-8)
+
+
+def test_a_law_derived_from_another_runs_its_own_equations() -> None:
+    class Softer(StVKHencky):
+        def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
+            return 0.5 * super().kirchhoff_stress(deformation, parameters)
+
+    batch = moving_batch("sand")
+    stress = StVKHencky()(batch.state.deformation, batch.parameters)
+    torch.testing.assert_close(Softer()(batch.state.deformation, batch.parameters), 0.5 * stress)
+
+
+def test_what_the_kernels_cannot_differentiate_runs_in_pytorch() -> None:
+    simulator, batch = simulator_of("elasticity", "analytic"), moving_batch("elasticity")
+    mass = batch.scenes.mass.clone().requires_grad_()
+    assert not kernels_serve(batch.state.position, constants=(mass,))
+    after = simulator(batch.state, batch.scenes._replace(mass=mass), batch.parameters)
+    (gradient,) = torch.autograd.grad(after.position.square().sum(), mass)
+    assert bool(gradient.abs().max() > 0.0)
+
+    def stress(f: torch.Tensor) -> torch.Tensor:
+        return simulator.elasticity(f, batch.parameters)
+
+    f = batch.state.deformation
+    by_transform = torch.func.jvp(stress, (f,), (torch.ones_like(f),))[1]
+    step = 1e-6
+    by_difference = (stress(f + step) - stress(f - step)) / (2 * step)
+    torch.testing.assert_close(by_transform, by_difference, rtol=1e-6, atol=1e-3)
