@@ -6,7 +6,7 @@ from functools import partial
 from torch import nn
 
 from pcnclaws.compiled.kernels import kernels_serve
-from pcnclaws.laws.base import Elasticity, Plasticity
+from pcnclaws.laws.base import Elasticity, FixedParameters, Plasticity
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.tensor_types import Parameters
@@ -40,5 +40,5 @@ class Simulator(nn.Module):
         return all(law.kernel is not None for law in laws) and kernels_serve(state.position)
 
     def step_function(self, scenes: Scenes, parameters: Parameters) -> Step:
-        """The step as a function of the state alone."""
-        return partial(self.forward, scenes=scenes, parameters=parameters)
+        """The step as a function of the state alone; the parameters must not be changed in place meanwhile."""
+        return partial(self.forward, scenes=scenes, parameters=FixedParameters(parameters))

@@ -1,5 +1,8 @@
 """The compiled kernels against the PyTorch reference: the step, its derivatives in both modes, and its corners."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 import pytest
 import torch
 from bodies import per_particle, principal, seeded, uniform
@@ -13,11 +16,14 @@ from compiled_checks import (
     rates,
     simulator_of,
 )
+from conftest import Outcome
 from law_checks import rotations
+from torch.autograd import forward_ad
 
 from pcnclaws.backend import using_backend
 from pcnclaws.compiled.build import find_compiler
 from pcnclaws.compiled.kernels import kernels_serve
+from pcnclaws.compiled.laws import isotropic_law
 from pcnclaws.laws.elasticity import StVKHencky
 from pcnclaws.laws.materials import material_named
 from pcnclaws.laws.plasticity import DruckerPrager
@@ -161,6 +167,88 @@ def test_a_law_derived_from_another_runs_its_own_equations() -> None:
     torch.testing.assert_close(Softer()(batch.state.deformation, batch.parameters), 0.5 * stress)
 
 
+def test_gradients_that_are_expanded_or_summed() -> None:
+    batch = moving_batch("sand")
+    found = []
+    for backend in ("torch", "compiled"):
+        with using_backend(backend):
+            f = batch.state.deformation.clone().requires_grad_()
+            stress = StVKHencky()(f, batch.parameters)
+            found.append(torch.autograd.grad(stress.sum(), f)[0])
+    torch.testing.assert_close(found[1], found[0])
+
+
+@pytest.mark.parametrize("size", [1e-2, 1e-4, 1e-6])
+@EACH
+def test_gradients_at_small_strains(material: str, size: float) -> None:
+    """Where stretches nearly coincide, in both precisions, for bodies that flow."""
+    generator = seeded(9)
+    f = torch.eye(3).double()[:, :, None] + size * (uniform(generator, 3, 3, 200) - 0.7 * torch.eye(3)[:, :, None])
+    simulator = simulator_of(material, "analytic")
+    values = {"youngs_modulus": 1.0, "poissons_ratio": 0.3, "yield_stress": 0.1 * size, "friction_angle": 10.0}
+    names = material_named(material).parameter_names
+    parameters = per_particle({name: values[name] for name in names}, 200)
+    weight = uniform(generator, 3, 3, 200)
+    for dtype, tolerance in ((torch.float64, 1e-5), (torch.float32, 1e-4)):
+        found = []
+        for backend in ("torch", "compiled"):
+            with using_backend(backend):
+                inputs = f.to(dtype).requires_grad_()
+                numbers = {name: value.to(dtype) for name, value in parameters.items()}
+                laws = (simulator.elasticity, simulator.plasticity)
+                results = [(law(inputs, numbers) * weight.to(dtype)).sum() for law in laws if law is not None]
+                found.append(torch.autograd.grad(results, inputs)[0])
+        # float32 sees the yield surface elsewhere: a few particles are on its other side
+        difference = (found[1] - found[0]).abs().amax((0, 1)) / found[0].abs().max()
+        assert float(difference.double().quantile(0.97 if dtype == torch.float32 else 1.0)) < tolerance
+
+
+def test_second_derivatives_are_refused_and_mixed_modes_run_in_pytorch() -> None:
+    batch = moving_batch("sand")
+    f = batch.state.deformation.clone().requires_grad_()
+    (gradient,) = torch.autograd.grad(StVKHencky()(f, batch.parameters).square().sum(), f, retain_graph=True)
+    with pytest.raises(RuntimeError, match="simulation.backend=torch"):
+        torch.autograd.grad(StVKHencky()(f, batch.parameters).square().sum(), f, create_graph=True)
+    with forward_ad.dual_level():
+        dual = forward_ad.make_dual(f, torch.ones_like(f))
+        energy = StVKHencky()(dual, batch.parameters).square().sum()
+        (slope,) = torch.autograd.grad(energy, dual, create_graph=True)
+        assert forward_ad.unpack_dual(slope).tangent is not None
+        torch.testing.assert_close(forward_ad.unpack_dual(slope).primal, gradient)
+
+
+def test_a_body_turned_inside_out_is_not_a_number() -> None:
+    batch = moving_batch("sand")
+    f = batch.state.deformation.clone()
+    f[0, :, 1] *= -1.0
+    f[0, :, 2] = 0.0
+    simulator = simulator_of("sand", "analytic")
+    for law in (simulator.elasticity, simulator.plasticity):
+        assert law is not None
+        result = law(f, batch.parameters)
+        assert not bool(torch.isfinite(result[..., 1:3]).any())
+        assert bool(torch.isfinite(result[..., 3:]).all())
+
+
+def test_input_that_does_not_fit_is_refused_or_broadcast() -> None:
+    simulator, (state, scenes, parameters) = simulator_of("sand", "analytic"), moving_batch("sand")
+    stress = simulator.elasticity(state.deformation, parameters)
+    with pytest.raises(ValueError, match="scene_index"):
+        simulator.integrator(state, stress, scenes._replace(scene_index=scenes.scene_index.flip(0)))
+    with pytest.raises(ValueError, match="scene_index"):
+        simulator.integrator(state, stress, scenes._replace(gravity=scenes.gravity[:, :2]))
+    with pytest.raises(ValueError, match="rows of parameters"):
+        isotropic_law("DruckerPrager", state.deformation, torch.ones(400, len(scenes.mass)).double())
+    with pytest.raises(ValueError, match="rows of parameters"):
+        isotropic_law("ElasticNet", state.deformation, torch.ones(3, len(scenes.mass)).double())
+    single = {name: torch.full_like(value, 0.3) for name, value in parameters.items()}
+    broadcast = {name: value[:1] for name, value in single.items()}
+    found = simulator.elasticity.kernel_rows(broadcast).expand(-1, len(scenes.mass))
+    torch.testing.assert_close(
+        isotropic_law("StVKHencky", state.deformation, found), simulator.elasticity(state.deformation, single)
+    )
+
+
 def test_what_the_kernels_cannot_differentiate_runs_in_pytorch() -> None:
     simulator, batch = simulator_of("elasticity", "analytic"), moving_batch("elasticity")
     mass = batch.scenes.mass.clone().requires_grad_()
@@ -177,3 +265,40 @@ def test_what_the_kernels_cannot_differentiate_runs_in_pytorch() -> None:
     step = 1e-6
     by_difference = (stress(f + step) - stress(f - step)) / (2 * step)
     torch.testing.assert_close(by_transform, by_difference, rtol=1e-6, atol=1e-3)
+
+
+def test_without_a_compiler_one_line_says_that_pytorch_runs(
+    command: Callable[..., Outcome], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CXX", raising=False)
+    options = ("material=elasticity", "simulation.steps=2", "simulation.every=2", "scene.particles_per_edge=3")
+    done = command("simulate", *options, "picture=false", "output=x.h5")
+    assert done.status == 0
+    assert done.err.count("\n") == 1
+    assert "no C++ compiler" in done.err
+    refused = command("simulate", *options, "picture=false", "output=y.h5", "simulation.backend=compiled")
+    assert refused.status == 2
+    assert "simulation.backend=compiled" in refused.err.splitlines()[-1]
+    assert not (tmp_path / "y.h5").exists()
+
+
+@pytest.mark.slow
+def test_compiled_once_and_kept(
+    command: Callable[..., Outcome], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "a cache"))
+    options = ("material=elasticity", "simulation.steps=2", "simulation.every=2", "scene.particles_per_edge=3")
+    options = (*options, "picture=false", "output=x.h5", "simulation.skip=none")
+    first = command("simulate", *options)
+    assert "compiling the C++ kernels" in first.err
+    assert first.status == 0
+    again = command("simulate", *options)
+    assert again.err == ""
+    # a library that was damaged is made anew by the next process
+    (library,) = (tmp_path / "a cache" / "pcnclaws").glob("kernels-*.so")
+    library.write_bytes(b"")
+    damaged = command("simulate", *options)
+    assert damaged.status == 0
+    assert "could not be made" in damaged.err or "compiling" in damaged.err
+    assert "compiling the C++ kernels" in command("simulate", *options).err

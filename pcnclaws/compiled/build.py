@@ -5,6 +5,7 @@ import hashlib
 import logging
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import tempfile
@@ -22,7 +23,9 @@ log = logging.getLogger(__name__)
 SOURCES = Path(__file__).parent / "source"
 COMPILERS = ("g++", "c++", "clang++")
 # Infinities and NaN keep their meaning: a diverged particle must be seen.
-FLAGS = ("-std=c++17", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-w")
+FLAGS = ("-std=c++17", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-fvisibility=hidden")
+# A library that lacks a function is refused when it is made and not when it is used.
+LINK_FLAGS = ["-shared", *(["-Wl,-z,defs"] if platform.system() == "Linux" else [])]
 SLOWER = "simulations run in PyTorch, several times slower"
 LONGEST_COMPILATION = 600.0  # seconds
 NUMBERS = {"float32": "float", "float64": "double"}
@@ -36,18 +39,21 @@ def kernel_library() -> ctypes.CDLL | None:
         log.warning("no C++ compiler was found (g++, c++, clang++ or $CXX): %s", SLOWER)
         return None
     try:
-        return ctypes.CDLL(str(_library_file(compiler)))
-    except (OSError, subprocess.SubprocessError) as error:
-        reason = (getattr(error, "stderr", "") or str(error)).strip().splitlines()
-        shown = reason[0] if reason else type(error).__name__
-        log.warning("the C++ kernels could not be compiled with %s (%s): %s", compiler, shown, SLOWER)
+        return _load(_library_file(compiler))
+    except (OSError, RuntimeError, subprocess.SubprocessError) as error:
+        log.warning("the C++ kernels could not be made with '%s' (%s): %s", " ".join(compiler), _reason(error), SLOWER)
         return None
 
 
-def find_compiler() -> str | None:
-    """The C++ compiler of the environment variable CXX, or the first known one that is installed."""
-    named = os.environ.get("CXX")
-    return next((path for name in ([named] if named else COMPILERS) if (path := shutil.which(name))), None)
+@cache
+def find_compiler() -> tuple[str, ...] | None:
+    """The command of the C++ compiler: that of the environment variable CXX, or the first known one installed."""
+    named = tuple(shlex.split(os.environ.get("CXX", "")))
+    if named and shutil.which(named[0]):
+        return named
+    if named:
+        log.warning("the C++ compiler CXX=%s was not found: looking for others", " ".join(named))
+    return next(((path,) for name in COMPILERS if (path := shutil.which(name))), None)
 
 
 def cache_folder() -> Path:
@@ -56,11 +62,26 @@ def cache_folder() -> Path:
     return (Path(root) if root else Path.home() / ".cache") / "pcnclaws"
 
 
-def _library_file(compiler: str) -> Path:
+def _load(library: Path) -> ctypes.CDLL:
+    try:
+        return ctypes.CDLL(str(library))
+    except OSError:
+        library.unlink(missing_ok=True)  # damaged: the next process compiles it anew
+        raise
+
+
+def _reason(error: Exception) -> str:
+    """The line of an error that says what is wrong."""
+    lines = (getattr(error, "stderr", "") or str(error)).strip().splitlines()
+    return next((line for line in lines if "error" in line), lines[0] if lines else type(error).__name__)
+
+
+def _library_file(compiler: Sequence[str]) -> Path:
     """The library for these sources, compiler and processor; compiled if it is not there yet."""
     sources = sorted(SOURCES.iterdir())
-    version = _run([compiler, "--version"])
-    key = hashlib.sha256("\n".join((version, *FLAGS, _openmp_library() or "", _processor())).encode())
+    version = _run([*compiler, "--version"])
+    parts = (version, *compiler, *FLAGS, *LINK_FLAGS, _openmp_library() or "", _processor())
+    key = hashlib.sha256("\n".join(parts).encode())
     for source in sources:
         key.update(source.read_bytes())
     folder = _writable(cache_folder())
@@ -74,37 +95,38 @@ def _library_file(compiler: str) -> Path:
     return library
 
 
-def _compile(compiler: str, work: Path) -> Path:
+def _compile(compiler: Sequence[str], work: Path) -> Path:
     log.warning(
         "compiling the C++ kernels for this machine: once, about half a minute (simulation.backend=torch goes without)"
     )
-    start = time.monotonic()
-    openmp = _openmp_library()
+    start, openmp = time.monotonic(), _openmp_library()
     try:
-        objects = _objects(compiler, work, ["-fopenmp"] if openmp else [])
+        library = _linked(compiler, work, openmp)
     except subprocess.CalledProcessError:
-        if not openmp:
+        if openmp is None:
             raise
-        # a compiler without OpenMP: kernels of one thread
-        openmp, objects = None, _objects(compiler, work, [])
-    library = work / "kernels.so"
-    # PyTorch's own OpenMP library: a second one would start threads of its own, which wait in each other's way
-    _run([compiler, "-shared", *objects, *([openmp] if openmp else []), "-o", str(library)])
+        library = _linked(compiler, work, None)  # a compiler without this OpenMP: kernels of one thread
     log.info("compiled the C++ kernels in %.0f s", time.monotonic() - start)
     return library
 
 
-def _objects(compiler: str, work: Path, more_flags: Sequence[str]) -> list[str]:
-    """The kernels of each precision, compiled at the same time."""
+def _linked(compiler: Sequence[str], work: Path, openmp: str | None) -> Path:
+    """The library, with the kernels of each precision compiled at the same time.
+
+    openmp  PyTorch's own OpenMP library: a second one would start threads of its own, in each other's way
+    """
 
     def compiled(precision: str, number: str) -> str:
         target = str(work / f"{precision}.o")
-        defined = [f"-DPRECISION={precision}", f"-DNUMBER={number}"]
-        _run([compiler, *FLAGS, *more_flags, *defined, "-c", str(work / "kernels.cpp"), "-o", target])
+        flags = [*FLAGS, *(["-fopenmp"] if openmp else []), f"-DPRECISION={precision}", f"-DNUMBER={number}"]
+        _run([*compiler, *flags, "-c", str(work / "kernels.cpp"), "-o", target])
         return target
 
     with ThreadPoolExecutor() as pool:
-        return list(pool.map(compiled, NUMBERS.keys(), NUMBERS.values()))
+        objects = list(pool.map(compiled, NUMBERS.keys(), NUMBERS.values()))
+    library = work / "kernels.so"
+    _run([*compiler, *LINK_FLAGS, *objects, *([openmp] if openmp else []), "-o", str(library)])
+    return library
 
 
 def _openmp_library() -> str | None:
@@ -126,15 +148,22 @@ def _processor() -> str:
     return f"{platform.machine()} {platform.processor()} {flags}"
 
 
+@cache
+def _temporary() -> tempfile.TemporaryDirectory[str]:
+    """A folder that is gone when the process ends."""
+    return tempfile.TemporaryDirectory(prefix="pcnclaws-")
+
+
 def _writable(folder: Path) -> Path:
-    """The folder, made if need be; a temporary one for this process where it cannot be written."""
+    """The folder, made if need be; a temporary one for this process where it cannot be written or is another user's."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK) and folder.stat().st_uid == os.getuid():
             return folder
     except OSError:
         pass
-    return Path(tempfile.mkdtemp(prefix="pcnclaws-"))
+    log.warning("the folder %s cannot be used: compiled kernels are not kept for later processes", folder)
+    return Path(_temporary().name)
 
 
 def _run(command: Sequence[str]) -> str:

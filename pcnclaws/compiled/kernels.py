@@ -11,48 +11,77 @@ from torch.autograd import forward_ad
 
 from pcnclaws.backend import configured_backend
 from pcnclaws.compiled.build import kernel_library
+from pcnclaws.errors import UserError
 
 SUFFIXES = {torch.float32: "float32", torch.float64: "float64"}
-Pointers = Any
+# what a kernel returns
+REFUSED, OUT_OF_MEMORY = 1, 2
 
 
-def kernels_serve(state: Tensor, constants: Sequence[Tensor] = (), weights: Sequence[Tensor] = ()) -> bool:
+def kernels_serve(
+    state: Tensor, inputs: Sequence[Tensor] = (), constants: Sequence[Tensor] = (), weights: Sequence[Tensor] = ()
+) -> bool:
     """Whether the kernels compute with these tensors now.
 
     They do on the CPU, in single and double precision, unless simulation.backend=torch, a function transform or a
-    compiler of PyTorch is at work, or a derivative is asked for that they do not have: with respect to one of the
-    `constants`, or in forward mode with respect to one of the `weights`.
+    compiler of PyTorch is at work, or a derivative is asked for that they do not have.
+
+    state      any field of the state
+    inputs     what else enters and has derivatives
+    constants  what has none: mass, volume, gravity
+    weights    what has none in forward mode
+    raises     UserError for simulation.backend=compiled where the kernels cannot be compiled
     """
-    return (
-        configured_backend() != "torch"
-        and state.device.type == "cpu"
-        and state.dtype in SUFFIXES
-        and not torch.compiler.is_compiling()
-        and _functorch.maybe_current_level() is None
-        and not (torch.is_grad_enabled() and any(tensor.requires_grad for tensor in constants))
-        and not (forward_ad._current_level >= 0 and any(_has_tangent(tensor) for tensor in (*constants, *weights)))
-        and kernel_library() is not None
-    )
+    if configured_backend() == "torch" or state.device.type != "cpu" or state.dtype not in SUFFIXES:
+        return False
+    if torch.compiler.is_compiling() or _functorch.maybe_current_level() is not None:
+        return False
+    everything = (state, *inputs, *constants, *weights)
+    if any(tensor.dtype != state.dtype or tensor.device != state.device for tensor in everything):
+        return False  # PyTorch has its say
+    if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in constants):
+        return False
+    if forward_ad._current_level >= 0 and not _has_forward_mode(everything, (*constants, *weights)):
+        return False
+    if kernel_library() is None:
+        if configured_backend() == "compiled":
+            raise UserError("simulation.backend=compiled needs a C++ compiler (g++); accepted here: auto, torch")
+        return False
+    return True
+
+
+def require_first_derivative() -> None:
+    """Refuses, in a backward pass, to be differentiated again, which would be wrong without a word."""
+    if torch.is_grad_enabled():
+        raise RuntimeError("the compiled kernels have first derivatives only; choose simulation.backend=torch")
 
 
 def call(name: str, dtype: torch.dtype, *arguments: Any) -> None:
-    """Runs a kernel on the threads that PyTorch uses."""
+    """Runs a kernel on the threads that PyTorch uses. Arguments are addresses, but for the number of a law."""
     function = getattr(kernel_library(), f"{name}_{SUFFIXES[dtype]}")
-    # every argument but the number of the law and of threads is an address
     converted = [ctypes.c_int(a) if isinstance(a, int) else a for a in arguments]
-    if function(*converted, ctypes.c_int(torch.get_num_threads())) != 0:
-        raise ValueError(f"the kernel '{name}' was called with arguments it does not know")
+    status = function(*converted, ctypes.c_int(torch.get_num_threads()))
+    if status == OUT_OF_MEMORY:
+        raise MemoryError(f"not enough memory for the grid of the kernel '{name}'")
+    if status == REFUSED:
+        raise ValueError(
+            f"the kernel '{name}' refuses its input: scene_index must increase from 0 to below the number of scenes, "
+            "and rows of parameters and networks must fit the law"
+        )
 
 
-def addresses(*tensors: Tensor | None) -> Pointers:
-    """The addresses of contiguous tensors as a C array; null for None."""
+def addresses(*tensors: Tensor | None) -> Any:
+    """The addresses of contiguous tensors as a C array; null for None. The tensors must outlive the call."""
     return (ctypes.c_void_p * len(tensors))(*(None if tensor is None else tensor.data_ptr() for tensor in tensors))
 
 
-def address(tensor: Tensor | None) -> Pointers:
-    """The address of a contiguous tensor; null for None."""
+def address(tensor: Tensor | None) -> ctypes.c_void_p:
+    """The address of a contiguous tensor; null for None. The tensor must outlive the call."""
     return ctypes.c_void_p(None if tensor is None else tensor.data_ptr())
 
 
-def _has_tangent(tensor: Tensor) -> bool:
-    return forward_ad.unpack_dual(tensor).tangent is not None
+def _has_forward_mode(everything: Sequence[Tensor], constants: Sequence[Tensor]) -> bool:
+    """False for both modes at once, and for rates of what stays constant."""
+    if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in everything):
+        return False
+    return all(forward_ad.unpack_dual(tensor).tangent is None for tensor in constants)

@@ -9,9 +9,8 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
-from pcnclaws.compiled.kernels import address, addresses, call
+from pcnclaws.compiled.kernels import address, addresses, call, require_first_derivative
 
 # in the order of `choose` in source/kernels.cpp
 LAWS = ("FixedCorotated", "StVKHencky", "DruckerPrager", "VonMises", "ElasticNet", "PlasticNet")
@@ -59,8 +58,9 @@ def _described(deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor
         network.sizes[0] = weights[0].shape[1]
     pointer = ctypes.cast(ctypes.pointer(network), ctypes.c_void_p) if network is not None else None
     particles = deformation.shape[2]
-    law_input = _LawInput(particles, deformation.data_ptr(), parameters.data_ptr(), parameters.shape[0], pointer)
-    return law_input, network
+    rows = parameters.shape[0]
+    arrays = deformation.data_ptr(), parameters.data_ptr()
+    return _LawInput(particles, *arrays, rows, pointer), network
 
 
 class _Law(torch.autograd.Function):
@@ -76,11 +76,12 @@ class _Law(torch.autograd.Function):
         return result
 
     @staticmethod
-    @once_differentiable
-    def backward(  # pyright: ignore[reportIncompatibleMethodOverride]  # the decorator is untyped
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride]
         ctx: Any, incoming: Tensor
     ) -> tuple[Tensor | None, ...]:
+        require_first_derivative()
         deformation, parameters, *weights = ctx.saved_tensors
+        incoming = incoming.contiguous()
         gradient = torch.empty_like(deformation)
         of_parameters = torch.empty_like(parameters) if ctx.needs_input_grad[2] else None
         of_weights = [torch.empty_like(weight) for weight in weights] if any(ctx.needs_input_grad[3:]) else []
@@ -90,7 +91,7 @@ class _Law(torch.autograd.Function):
             deformation.dtype,
             ctx.law,
             ctypes.byref(law_input),
-            address(incoming.contiguous()),
+            address(incoming),
             address(gradient),
             address(of_parameters),
             addresses(*of_weights) if of_weights else None,

@@ -7,9 +7,8 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
-from pcnclaws.compiled.kernels import addresses, call
+from pcnclaws.compiled.kernels import addresses, call, require_first_derivative
 
 MoreTensors = tuple[Tensor | None, ...]
 
@@ -59,6 +58,11 @@ def step(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor
     bodies  scene_index (particles,) in increasing order, mass and volume (particles,), gravity (3, scenes)
     state   position, velocity (3, particles), affine, deformation and Kirchhoff stress (3, 3, particles)
     """
+    scene, mass, volume, gravity = bodies
+    particles = state[0].shape[-1]
+    if any(field.shape[-1] != particles for field in (scene, *state)):
+        raise ValueError("the fields of a state and scene_index need the same number of particles")
+    bodies = (scene.long(), mass.expand(particles), volume.expand(particles), gravity)
     return _Step.apply(settings, *bodies, *state)
 
 
@@ -91,19 +95,22 @@ class _Step(torch.autograd.Function):
         return after
 
     @staticmethod
-    @once_differentiable
-    def backward(  # pyright: ignore[reportIncompatibleMethodOverride]  # the decorator is untyped
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride]
         ctx: Any, *incoming: Tensor
     ) -> MoreTensors:
-        bodies, state, (velocity, affine) = ctx.saved_tensors[:4], ctx.saved_tensors[4:9], ctx.saved_tensors[9:]
+        require_first_derivative()
+        saved = ctx.saved_tensors
+        bodies, state, (velocity, affine) = saved[:4], saved[4:9], saved[9:]
+        incoming = _contiguous(incoming)
         gradient = tuple(torch.empty_like(field) for field in state)
-        after = (velocity, velocity, affine)
-        _call("step_adjoint", ctx.settings, bodies, state, after, _contiguous(incoming), gradient)
+        after = (velocity, velocity, affine)  # the kernel reads the second and the third
+        _call("step_adjoint", ctx.settings, bodies, state, after, incoming, gradient)
         return (None, None, None, None, None, *gradient)
 
     @staticmethod
     def jvp(ctx: Any, *rates: Tensor | None) -> tuple[Tensor, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        bodies, state = ctx.saved_tensors[:4], ctx.saved_tensors[4:9]
+        saved = ctx.saved_tensors
+        bodies, state = saved[:4], saved[4:9]
         given = zip(state, rates[5:], strict=True)
         before = tuple(torch.zeros_like(field) if rate is None else rate.contiguous() for field, rate in given)
         after, after_rates = (tuple(torch.empty_like(field) for field in state[:4]) for _ in range(2))

@@ -4,7 +4,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
+from torch.autograd import forward_ad
 
 from pcnclaws.compiled.kernels import kernels_serve
 from pcnclaws.compiled.laws import isotropic_law
@@ -19,10 +21,9 @@ class Law(nn.Module, ABC):
     kernel: str | None = None
 
     def __init_subclass__(cls, **options: object) -> None:
-        """A class that redefines its law does not inherit the kernel of the law that it changes."""
+        """A class has the kernel that it names itself: one that is derived from it may be another law."""
         super().__init_subclass__(**options)
-        redefined = {"evaluate", "kirchhoff_stress", "return_map"} & set(cls.__dict__)
-        if redefined and "kernel" not in cls.__dict__:
+        if "kernel" not in cls.__dict__:
             cls.kernel = None
 
     def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
@@ -38,10 +39,38 @@ class Law(nn.Module, ABC):
         """The law in PyTorch: the reference, and what runs where no kernel does."""
 
     def forward(self, deformation: Matrices, parameters: Parameters) -> Matrices:
-        if self.kernel is None or not kernels_serve(deformation, weights=self.kernel_weights()):
+        if self.kernel is None:
             return self.evaluate(deformation, parameters)
-        rows = torch.broadcast_tensors(*self.kernel_parameters(parameters))
-        return isotropic_law(self.kernel, deformation, torch.stack(rows), self.kernel_weights())
+        weights = self.kernel_weights()
+        if not kernels_serve(deformation, list(parameters.values()), weights=weights):
+            return self.evaluate(deformation, parameters)
+        rows = parameters.rows_of(self) if isinstance(parameters, FixedParameters) else None
+        if rows is None:
+            rows = self.kernel_rows(parameters)
+        return isotropic_law(self.kernel, deformation, rows.expand(-1, deformation.shape[-1]), weights)
+
+    def kernel_rows(self, parameters: Parameters) -> Float[Tensor, "rows particles"]:
+        """kernel_parameters as one tensor."""
+        return torch.stack(torch.broadcast_tensors(*self.kernel_parameters(parameters)))
+
+
+class FixedParameters(dict[str, Tensor]):
+    """Parameters that stay the same from step to step: what the kernels read of them is made once.
+
+    Not where they are differentiated: a graph belongs to one backward pass.
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        super().__init__(parameters)
+        self._rows: dict[Law, Tensor] = {}
+
+    def rows_of(self, law: Law) -> Tensor | None:
+        """Law.kernel_rows, or None where the parameters are differentiated."""
+        if forward_ad._current_level >= 0 or any(value.requires_grad for value in self.values()):
+            return None
+        if law not in self._rows:
+            self._rows[law] = law.kernel_rows(self)
+        return self._rows[law]
 
 
 class Elasticity(Law):

@@ -31,7 +31,7 @@ class MPMIntegrator(nn.Module):
         super().__init__()
         self.settings = settings
         self.grid = Grid(settings.grid_nodes)
-        self.compiled = StepSettings(
+        self.kernel_settings = StepSettings(
             settings.time_step,
             settings.grid_nodes,
             settings.boundary == "stick",
@@ -46,9 +46,10 @@ class MPMIntegrator(nn.Module):
 
         stress  Kirchhoff stress tau [Pa] of state.deformation, (3, 3, particles)
         """
-        bodies = (scenes.scene_index, scenes.mass, scenes.volume, scenes.gravity)
-        if kernels_serve(state.position, constants=bodies):
-            return ParticleState(*compiled_step(self.compiled, bodies, (*state, stress)))
+        constants = (scenes.mass, scenes.volume, scenes.gravity)
+        if kernels_serve(state.position, (*state[1:], stress), constants):
+            bodies = (scenes.scene_index, *constants)
+            return ParticleState(*compiled_step(self.kernel_settings, bodies, (*state, stress)))
 
         dt, dx = self.settings.time_step, self.grid.spacing
         stencil = quadratic_stencil(state.position, scenes.scene_index, self.grid, self.stencil_offsets)

@@ -78,23 +78,12 @@ template <class T, class Law> struct LawBlock {
         if constexpr (NETWORK) {
             for (int group = 0; group < groups(); group++) {
                 Law::features(principal[group].strain, x[group]);
-                for (int k = 0; k < Law::FEATURES; k++) put(group, k, x[group][k], &NetworkBlock<T>::input);
+                for (int k = 0; k < Law::FEATURES; k++) network->put(network->unit, 0, group * L, k, x[group][k]);
                 for (int k = Law::PARAMETERS; k < in.rows; k++)
-                    put(group, k - Law::PARAMETERS + Law::FEATURES, p[group][k], &NetworkBlock<T>::input);
+                    network->put(network->unit, 0, group * L, k - Law::PARAMETERS + Law::FEATURES, p[group][k]);
             }
             network->template forward<SLOPE>();
         }
-    }
-
-    void put(int group, int k, V values, T& (NetworkBlock<T>::*where)(int, int)) {
-        double lanes[L];
-        std::memcpy(lanes, &values, sizeof lanes);
-        for (int l = 0; l < L; l++) (network->*where)(group * L + l, k) = T(lanes[l]);
-    }
-    V get(int group, int k, T& (NetworkBlock<T>::*where)(int, int)) {
-        T lanes[L];
-        for (int l = 0; l < L; l++) lanes[l] = (network->*where)(group * L + l, k);
-        return load(lanes, 0, L);
     }
 
     // what the response depends on, by number
@@ -102,7 +91,7 @@ template <class T, class Law> struct LawBlock {
         if (k < FEATURES) return principal[group].strain[k];
         if (k < PARAMETERS) return x[group][k - FEATURES];
         if (k < OUTPUTS) return p[group][k - PARAMETERS];
-        return get(group, k - OUTPUTS, &NetworkBlock<T>::output);
+        return network->get(network->unit, LAYERS, group * L, k - OUTPUTS);
     }
     // principal values y, of plain values or of values that make(k) differentiates
     template <class S, class Make> void respond(S y[3], Make make) {
@@ -190,7 +179,8 @@ template <class T, class Law> struct LawBlock {
         if (parameter_gradient)
             for (int k = 0; k < Law::PARAMETERS; k++)
                 store(parameter_gradient + k * in.particles, begin + group * L, end, total[PARAMETERS + k]);
-        for (int k = 0; k < Law::OUTPUTS; k++) put(group, k, total[OUTPUTS + k], &NetworkBlock<T>::output_gradient);
+        for (int k = 0; k < Law::OUTPUTS; k++)
+            network->put(network->gradient, LAYERS, group * L, k, total[OUTPUTS + k]);
         if constexpr (Law::RETURN_MAP) {
             // M g = Q diag(value) Q^T g
             V turned[3][3];
@@ -212,13 +202,13 @@ template <class T, class Law> struct LawBlock {
             for (int k = 0; k < 3; k++) h[k] = variable(axes.strain[k], tape);
             Law::features(h, features);
             for (int k = 0; k < Law::FEATURES; k++)
-                tape.gradient[features[k].entry] += a.x[k] + get(group, k, &NetworkBlock<T>::input_gradient);
+                tape.gradient[features[k].entry] += a.x[k] + network->get(network->gradient, 0, group * L, k);
             tape.sweep();
             for (int i = 0; i < 3; i++) a.strain[i] += tape.gradient[i];
             if (parameter_gradient)
                 for (int k = Law::PARAMETERS; k < in.rows; k++)
                     store(parameter_gradient + k * in.particles, begin + group * L, end,
-                          get(group, k - Law::PARAMETERS + Law::FEATURES, &NetworkBlock<T>::input_gradient));
+                          network->get(network->gradient, 0, group * L, k - Law::PARAMETERS + Law::FEATURES));
         }
         // gradient of b in principal axes, then 2 b_bar F = 2 Q (..) G
         V turned[3][3];
@@ -267,11 +257,11 @@ template <class T, class Law> struct LawBlock {
             Law::features(h, features);
             for (int k = 0; k < Law::FEATURES; k++) {
                 r.x[k] = features[k].rate[0];
-                put(group, k, r.x[k], &NetworkBlock<T>::input_gradient);
+                network->put(network->gradient, 0, group * L, k, r.x[k]);
             }
             for (int k = Law::PARAMETERS; k < in.rows; k++)
-                put(group, k - Law::PARAMETERS + Law::FEATURES, load(parameter_rate + k * in.particles, at, end),
-                    &NetworkBlock<T>::input_gradient);
+                network->put(network->gradient, 0, group * L, k - Law::PARAMETERS + Law::FEATURES,
+                             load(parameter_rate + k * in.particles, at, end));
         }
     }
     void rates_second(int group, const T* parameter_rate, const Rates& r, T* result) {
@@ -287,7 +277,7 @@ template <class T, class Law> struct LawBlock {
             else if (k < OUTPUTS)
                 rate = load(parameter_rate + (k - PARAMETERS) * in.particles, at, end);
             else
-                rate = get(group, k - OUTPUTS, &NetworkBlock<T>::output_gradient);
+                rate = network->get(network->gradient, LAYERS, group * L, k - OUTPUTS);
             return Dual<1>{value_at(group, k), {rate}};
         });
         V plain[3], value[3], off[3][3], change[3][3];

@@ -1,102 +1,123 @@
 // The functions that Python calls: plain C. Arrays are contiguous and component-first.
+//
+// Compiled once for each precision: NUMBER is its type, PRECISION the end of the names of its functions.
+#include <new>
+
 #include "isotropic.hpp"
 #include "transfer.hpp"
 
 using namespace pcnclaws;
+using T = NUMBER;
 
 namespace {
 
-// In the order of LAWS in pcnclaws/compiled/laws.py.
-template <class T, template <class, class> class Visit, class... Arguments>
-int choose(int law, Arguments... arguments) {
-    switch (law) {
-        case 0:
-            Visit<T, FixedCorotated>::run(arguments...);
-            return 0;
-        case 1:
-            Visit<T, StVKHencky>::run(arguments...);
-            return 0;
-        case 2:
-            Visit<T, DruckerPrager>::run(arguments...);
-            return 0;
-        case 3:
-            Visit<T, VonMises>::run(arguments...);
-            return 0;
-        case 4:
-            Visit<T, ElasticNet>::run(arguments...);
-            return 0;
-        case 5:
-            Visit<T, PlasticNet>::run(arguments...);
-            return 0;
+// What a kernel returns; nothing may be thrown through C.
+enum Status { DONE, REFUSED, OUT_OF_MEMORY };
+
+template <class Work> int guarded(Work work) {
+    try {
+        return work() ? DONE : REFUSED;
+    } catch (const std::bad_alloc&) {
+        return OUT_OF_MEMORY;
     }
-    return 1;
 }
 
-template <class T, class Law> struct Forward {
-    static void run(const LawInput<T>* in, T* result, int threads) { law_forward<T, Law>(*in, result, threads); }
-};
-template <class T, class Law> struct Adjoint {
-    static void run(const LawInput<T>* in, const T* incoming, T* gradient, T* parameter_gradient,
-                    T* const* weight_gradients, int threads) {
-        law_adjoint<T, Law>(*in, incoming, gradient, parameter_gradient, weight_gradients, threads);
-    }
-};
-template <class T, class Law> struct Rates {
-    static void run(const LawInput<T>* in, const T* deformation_rate, const T* parameter_rate, T* result, int threads) {
-        law_rates<T, Law>(*in, deformation_rate, parameter_rate, result, threads);
-    }
-};
+// Do the rows of parameters and the network fit the law?
+template <class Law> bool fits(const LawInput<T>& in) {
+    if (in.rows < Law::PARAMETERS || in.rows > MOST_ROWS) return false;
+    if (Law::FEATURES == 0) return in.rows == Law::PARAMETERS && !in.weights;
+    return in.weights && in.weights->sizes[0] == Law::FEATURES + in.rows - Law::PARAMETERS &&
+           in.weights->sizes[LAYERS] == Law::OUTPUTS;
+}
 
-template <class T> State<T> state_of(T* const* fields) { return {{fields[0]}, {fields[1]}, {fields[2]}, {fields[3]}}; }
-template <class T> State<Rate<T>> state_of(T* const* fields, T* const* rates) {
+// Runs work(law) with the law of a number, in the order of LAWS in pcnclaws/compiled/laws.py.
+template <class Work> int with_law(int number, const LawInput<T>& in, Work work) {
+    const auto run = [&](auto law) {
+        if (!fits<decltype(law)>(in)) return false;
+        work(law);
+        return true;
+    };
+    return guarded([&] {
+        switch (number) {
+            case 0:
+                return run(FixedCorotated{});
+            case 1:
+                return run(StVKHencky{});
+            case 2:
+                return run(DruckerPrager{});
+            case 3:
+                return run(VonMises{});
+            case 4:
+                return run(ElasticNet{});
+            case 5:
+                return run(PlasticNet{});
+        }
+        return false;
+    });
+}
+
+State<T> state_of(T* const* fields) { return {{fields[0]}, {fields[1]}, {fields[2]}, {fields[3]}}; }
+State<Rate<T>> state_of(T* const* fields, T* const* rates) {
     return {{fields[0], rates[0]}, {fields[1], rates[1]}, {fields[2], rates[2]}, {fields[3], rates[3]}};
 }
 
 }  // namespace
 
-// Compiled once for each precision: NUMBER is its type, PRECISION the end of the names of its functions.
 #define JOINED(name, precision) name##_##precision
 #define EXPANDED(name, precision) JOINED(name, precision)
-#define KERNEL(name) extern "C" int EXPANDED(name, PRECISION)
-using T = NUMBER;
+#define KERNEL(name) extern "C" __attribute__((visibility("default"))) int EXPANDED(name, PRECISION)
 
 KERNEL(law_forward)(int law, const LawInput<T>* in, T* result, int threads) {
-    return choose<T, Forward>(law, in, result, threads);
+    return with_law(law, *in, [&](auto which) { law_forward<T, decltype(which)>(*in, result, threads); });
 }
 
-KERNEL(law_adjoint)(int law, const LawInput<T>* in, const T* incoming, T* gradient, T* parameter_gradient,
-                    T* const* weights, int threads) {
-    return choose<T, Adjoint>(law, in, incoming, gradient, parameter_gradient, weights, threads);
+KERNEL(law_adjoint)
+(int law, const LawInput<T>* in, const T* incoming, T* gradient, T* parameter_gradient, T* const* weights,
+ int threads) {
+    return with_law(law, *in, [&](auto which) {
+        law_adjoint<T, decltype(which)>(*in, incoming, gradient, parameter_gradient, weights, threads);
+    });
 }
 
-KERNEL(law_rates)(int law, const LawInput<T>* in, const T* deformation_rate, const T* parameter_rate, T* result,
-                  int threads) {
-    return choose<T, Rates>(law, in, deformation_rate, parameter_rate, result, threads);
+KERNEL(law_rates)
+(int law, const LawInput<T>* in, const T* deformation_rate, const T* parameter_rate, T* result, int threads) {
+    return with_law(law, *in, [&](auto which) {
+        law_rates<T, decltype(which)>(*in, deformation_rate, parameter_rate, result, threads);
+    });
 }
 
 // state: position, velocity, affine, deformation; a fifth array before the step is the stress
 
-KERNEL(step_forward)(const Settings* settings, const Bodies<T>* bodies, T* const* before, T* const* after,
-                     int threads) {
-    const auto state = state_of(before);
-    const Field<T> stress{before[4]};
-    Step<T>(*settings, *bodies, state, stress, threads).forward(state_of(after));
-    return 0;
+KERNEL(step_forward)
+(const Settings* settings, const Bodies<T>* bodies, T* const* before, T* const* after, int threads) {
+    return guarded([&] {
+        const auto state = state_of(before);
+        const Field<T> stress{before[4]};
+        if (!in_order(*bodies)) return false;
+        Step<T>(*settings, *bodies, state, stress, threads).forward(state_of(after));
+        return true;
+    });
 }
 
-KERNEL(step_adjoint)(const Settings* settings, const Bodies<T>* bodies, T* const* before, T* const* after,
-                     T* const* incoming, T* const* gradient, int threads) {
-    const auto state = state_of(before);
-    const Field<T> stress{before[4]};
-    Step<T>(*settings, *bodies, state, stress, threads)
-        .adjoint({after[1], after[2]}, state_of(incoming), state_of(gradient), {gradient[4]});
-    return 0;
+KERNEL(step_adjoint)
+(const Settings* settings, const Bodies<T>* bodies, T* const* before, T* const* after, T* const* incoming,
+ T* const* gradient, int threads) {
+    return guarded([&] {
+        const auto state = state_of(before);
+        const Field<T> stress{before[4]};
+        Step<T>(*settings, *bodies, state, stress, threads)
+            .adjoint({after[1], after[2]}, state_of(incoming), state_of(gradient), {gradient[4]});
+        return true;
+    });
 }
 
-KERNEL(step_rates)(const Settings* settings, const Bodies<T>* bodies, T* const* before, T* const* before_rates,
-                   T* const* after, T* const* after_rates, int threads) {
-    const auto state = state_of(before, before_rates);
-    const Field<Rate<T>> stress{before[4], before_rates[4]};
-    Step<Rate<T>>(*settings, *bodies, state, stress, threads).forward(state_of(after, after_rates));
-    return 0;
+KERNEL(step_rates)
+(const Settings* settings, const Bodies<T>* bodies, T* const* before, T* const* before_rates, T* const* after,
+ T* const* after_rates, int threads) {
+    return guarded([&] {
+        const auto state = state_of(before, before_rates);
+        const Field<Rate<T>> stress{before[4], before_rates[4]};
+        Step<Rate<T>>(*settings, *bodies, state, stress, threads).forward(state_of(after, after_rates));
+        return true;
+    });
 }

@@ -152,10 +152,22 @@ template <class T> struct NetworkBlock {
         }
     }
 
-    T& input(int particle, int k) { return unit[0][size_t(particle) * weights.padded[0] + k]; }
-    T& output(int particle, int k) { return unit[LAYERS][size_t(particle) * weights.padded[LAYERS] + k]; }
-    T& input_gradient(int particle, int k) { return gradient[0][size_t(particle) * weights.padded[0] + k]; }
-    T& output_gradient(int particle, int k) { return gradient[LAYERS][size_t(particle) * weights.padded[LAYERS] + k]; }
+    // Component k of eight particles of a layer's array (unit, gradient).
+    V get(const std::vector<T> (&array)[LAYERS + 1], int layer, int first, int k) const {
+        const int stride = weights.padded[layer];
+        const T* at = array[layer].data() + size_t(first) * stride + k;
+        // from registers: a vector that is loaded from places just written one by one has to wait for them
+        typedef T Part __attribute__((vector_size(L * sizeof(T))));
+        const Part part = {at[0],          at[stride],     at[2 * stride], at[3 * stride],
+                           at[4 * stride], at[5 * stride], at[6 * stride], at[7 * stride]};
+        return __builtin_convertvector(part, V);
+    }
+    void put(std::vector<T> (&array)[LAYERS + 1], int layer, int first, int k, V values) {
+        T* at = array[layer].data() + size_t(first) * weights.padded[layer] + k;
+        double lanes[L];
+        std::memcpy(lanes, &values, sizeof lanes);
+        for (int l = 0; l < L; l++) at[l * weights.padded[layer]] = T(lanes[l]);
+    }
 
     // unit[0] to unit[LAYERS]; SLOPE keeps what backward() and rates() need
     template <bool SLOPE> void forward() {

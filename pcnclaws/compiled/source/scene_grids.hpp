@@ -33,6 +33,7 @@ template <class T> struct Bodies {
 
 constexpr int64_t PART = 1024;  // particles of a task, more in large scenes
 constexpr int64_t MOST_PARTS = 32;
+constexpr size_t MOST_NODES = 8;  // nodes of the parts of a scene for each of its particles, its window not counted
 
 // Some particles of one scene, the nodes they touch, and where these begin in the memory of the tasks.
 struct Part {
@@ -40,6 +41,13 @@ struct Part {
     Box box;
     size_t memory;
 };
+
+// Whether the scenes of the particles are numbers from 0 in increasing order.
+template <class T> bool in_order(const Bodies<T>& bodies) {
+    const int64_t n = bodies.particles;
+    return n == 0 || (bodies.scene[0] >= 0 && bodies.scene[n - 1] < bodies.scenes &&
+                      std::is_sorted(bodies.scene, bodies.scene + n));
+}
 
 template <class S> struct SceneGrids {
     typedef typename Plain<S>::type T;
@@ -52,12 +60,15 @@ template <class S> struct SceneGrids {
 
     SceneGrids(const Settings& settings, const Bodies<T>& bodies, const Field<S>& position, int threads) {
         cut(bodies);
-        parallel_for(int64_t(parts.size()), threads,
-                     [&](int64_t k) { parts[k].box = box_of(settings, bodies, position, parts[k]); });
+        parallel_for(int64_t(fine.size()), threads,
+                     [&](int64_t k) { fine[k].box = box_of(settings, bodies, position, fine[k]); });
         for (int64_t scene = 0; scene < bodies.scenes; scene++) place(scene);
     }
 
   private:
+    std::vector<Part> fine;  // before any are joined
+    std::vector<std::pair<int64_t, int64_t>> fine_of;
+
     void cut(const Bodies<T>& bodies) {
         const int64_t* end = bodies.scene + bodies.particles;
         for (int64_t scene = 0; scene < bodies.scenes; scene++) {
@@ -65,14 +76,45 @@ template <class S> struct SceneGrids {
             const int64_t last = std::upper_bound(bodies.scene + first, end, scene) - bodies.scene;
             int64_t size = std::max(PART, (last - first + MOST_PARTS - 1) / MOST_PARTS);
             size = (size + LANE - 1) / LANE * LANE;
-            const int64_t begin = int64_t(parts.size());
+            const int64_t begin = int64_t(fine.size());
             for (int64_t from = first; from < last; from += size)
-                parts.push_back({from, std::min(from + size, last), scene, empty_box(), 0});
-            parts_of.push_back({begin, int64_t(parts.size())});
+                fine.push_back({from, std::min(from + size, last), scene, empty_box(), 0});
+            fine_of.push_back({begin, int64_t(fine.size())});
         }
     }
 
+    // Parts whose windows overlap too much, because the particles are in no order, become one.
+    void join_parts(int64_t scene) {
+        const int64_t begin = int64_t(parts.size());
+        parts.insert(parts.end(), fine.begin() + fine_of[scene].first, fine.begin() + fine_of[scene].second);
+        Box all = empty_box();
+        int64_t particles = 0;
+        for (auto part = parts.begin() + begin; part != parts.end(); ++part) {
+            join(all, part->box);
+            particles += part->last - part->first;
+        }
+        const auto memory = [&] {
+            size_t sum = 0;
+            for (auto part = parts.begin() + begin; part != parts.end(); ++part) sum += part->box.size();
+            return sum;
+        };
+        while (int64_t(parts.size()) > begin + 1 && memory() > MOST_NODES * size_t(particles) + all.size()) {
+            int64_t kept = begin;
+            for (int64_t k = begin; k < int64_t(parts.size()); k += 2) {
+                parts[kept] = parts[k];
+                if (k + 1 < int64_t(parts.size())) {
+                    parts[kept].last = parts[k + 1].last;
+                    join(parts[kept].box, parts[k + 1].box);
+                }
+                kept++;
+            }
+            parts.resize(size_t(kept));
+        }
+        parts_of.push_back({begin, int64_t(parts.size())});
+    }
+
     void place(int64_t scene) {
+        join_parts(scene);
         Box box = empty_box();
         for (int64_t k = parts_of[scene].first; k < parts_of[scene].second; k++) {
             join(box, parts[k].box);

@@ -47,6 +47,11 @@ inline Mask turn(Principal& out, int p, int r) {
     return (tangent * tangent > 1e-17) & (gamma * gamma > 1e-30 * alpha * beta);
 }
 
+inline V determinant(const V f[3][3]) {
+    return f[0][0] * (f[1][1] * f[2][2] - f[1][2] * f[2][1]) + f[0][1] * (f[1][2] * f[2][0] - f[1][0] * f[2][2]) +
+           f[0][2] * (f[1][0] * f[2][1] - f[1][1] * f[2][0]);
+}
+
 // One-sided Jacobi rotations of the rows (Hestenes 1958, "Inversion of matrices by biorthogonalization"): F F^T is
 // never formed, so that small stretches beside large ones keep their digits. Several groups of particles in step: one
 // rotation is a long chain of dependent operations.
@@ -71,9 +76,14 @@ template <int GROUPS> void principal_axes(const V f[GROUPS][3][3], Principal out
         for (int i = 0; i < 3; i++) {
             out[n].square[i] =
                 out[n].g[i][0] * out[n].g[i][0] + out[n].g[i][1] * out[n].g[i][1] + out[n].g[i][2] * out[n].g[i][2];
-            out[n].strain[i] = 0.5 * logarithm(out[n].square[i]);
+            // a body turned inside out has no strain
+            out[n].strain[i] = select(determinant(f[n]) > 0.0, 0.5 * logarithm(out[n].square[i]), splat(NAN));
         }
 }
+
+// Two stretches meet where the rounding of their difference weighs as much as the curvature of a law that flows at
+// strains of 1e-6.
+constexpr double MEETING = 1e-9;
 
 // Derivative of an isotropic function off the diagonal, in principal axes: (y_i - y_j)/(b_i - b_j), and where the two
 // stretches meet its limit (Daleckii and Krein 1965), from `slope`, [i][j] = d y_i / d h_j. `slope` is asked for only
@@ -84,7 +94,7 @@ template <class Slope> void divided_differences(const Principal& principal, cons
     Mask meets[3];
     for (int n = 0; n < 3; n++) {
         const V bi = principal.square[PAIRS[n][0]], bj = principal.square[PAIRS[n][1]];
-        meets[n] = absolute(bi - bj) <= 1e-5 * (bi + bj);
+        meets[n] = absolute(bi - bj) <= MEETING * (bi + bj);
         for (int l = 0; l < L; l++) any |= meets[n][l];
     }
     V s[3][3]{};

@@ -52,16 +52,16 @@ template <class S> struct Stencils {
                 const S scaled_position = scaled(nodes, position.get(axis * particles + first + l));
                 middle[axis][l] = middle_node(value_of(scaled_position), nodes);
                 S d = scaled_position;
-                shift(d, T(middle[axis][l]));
+                subtract(d, T(middle[axis][l]));
                 from_middle[axis][l] = d;
                 S low = scaled(T(-1), d), high = d, squared = d * d, inner = scaled(T(-1), squared);
-                shift(low, T(-0.5));
-                shift(high, T(-0.5));
-                shift(inner, T(-0.75));
+                subtract(low, T(-0.5));
+                subtract(high, T(-0.5));
+                subtract(inner, T(-0.75));
                 weight[axis][0][l] = scaled(T(0.5), low * low);
                 weight[axis][1][l] = inner;
                 S upper = d;
-                shift(upper, T(-0.5));
+                subtract(upper, T(-0.5));
                 weight[axis][2][l] = scaled(T(0.5), upper * upper);
                 slope[axis][0][l] = scaled(T(-1), low);
                 slope[axis][1][l] = scaled(T(-2), d);
@@ -69,8 +69,8 @@ template <class S> struct Stencils {
             }
     }
     // a - by
-    static void shift(T& a, T by) { a -= by; }
-    static void shift(Rate<T>& a, T by) { a.value -= by; }
+    static void subtract(T& a, T by) { a -= by; }
+    static void subtract(Rate<T>& a, T by) { a.value -= by; }
 };
 
 // Adds the weighted values a + i b_x + j b_y + k b_z to the 27 nodes of a particle.

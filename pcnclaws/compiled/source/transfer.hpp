@@ -23,6 +23,11 @@ template <class S> class Step {
         moved.resize(grids.scene_nodes);
     }
 
+    ~Step() {
+        for (int which = 0; which < 4; which++)
+            if (scratch(which).capacity() * sizeof(Quad<S>) > MOST_KEPT) Nodes().swap(scratch(which));
+    }
+
     void forward(const State<S>& after) {
         scatter_state();
         each_part([&](const Part& part) { gather_state(part, after); });
@@ -61,6 +66,7 @@ template <class S> class Step {
         static thread_local Nodes memory[4];
         return memory[which];
     }
+    static constexpr size_t MOST_KEPT = size_t(1) << 28;  // bytes
 
     template <class Visit> void each_part(Visit visit) {
         parallel_for(int64_t(grids.parts.size()), threads, [&](int64_t k) { visit(grids.parts[k]); });
@@ -84,7 +90,7 @@ template <class S> class Step {
             for (int j = 0; j < 3; j++) q[i] = q[i] - step[i][j] * stencils.from_middle[j][l];
         }
         S m{}, zero{};
-        Stencils<S>::shift(m, -mass);
+        Stencils<S>::subtract(m, -mass);
         vectors[0] = quad(q[0], q[1], q[2], m);
         for (int j = 0; j < 3; j++) vectors[1 + j] = quad(step[0][j], step[1][j], step[2][j], zero);
     }
@@ -144,8 +150,7 @@ template <class S> class Step {
 
     template <class Visit> void each_node(int64_t scene, int x, Visit visit) const {
         const Box& box = grids.boxes[scene];
-        const size_t begin = grids.node_memory[scene] + box.index(x, box.low[1], box.low[2]);
-        size_t at = begin;
+        size_t at = grids.node_memory[scene] + box.index(x, box.low[1], box.low[2]);
         for (int y = box.low[1]; y <= box.high[1]; y++)
             for (int z = box.low[2]; z <= box.high[2]; z++, at++)
                 visit(at, settings.walls[x + 1], settings.walls[y + 1], settings.walls[z + 1]);
@@ -159,7 +164,7 @@ template <class S> class Step {
     Quad<S> velocity_at(const Quad<S>& node, Quad<T> fall) const {
         const S mass = component(node, 3);
         S one{};
-        Stencils<S>::shift(one, T(-1));
+        Stencils<S>::subtract(one, T(-1));
         Quad<S> velocity = node * (one / mass);
         add(velocity, fall);
         return velocity;
