@@ -23,7 +23,7 @@ from pcnclaws.data.sampling import DataSetPlan, planned_scenes
 from pcnclaws.data.scenes import SceneStart
 from pcnclaws.errors import UserError
 from pcnclaws.mpm.settings import SimulationSettings
-from pcnclaws.time_step import automatic_time_step, check_time_step, largest_speed, scene_cfl
+from pcnclaws.time_step import automatic_time_step, check_time_step, largest_speed, scene_cfl, stable_cfl
 
 
 def plan_from(config: DictConfig) -> DataSetPlan:
@@ -33,15 +33,16 @@ def plan_from(config: DictConfig) -> DataSetPlan:
     raises  UserError, also when a scene of it would not be stable
     """
     plan = _plan(config, settings_from(config, automatic=SimulationSettings.time_step))
-    stiffest = max(
-        (start for starts in planned_scenes(plan).values() for start in starts),
-        key=lambda start: scene_cfl(start.settings, start.parameters, _speed(start)),
-    )
+    starts = [start for starts in planned_scenes(plan).values() for start in starts]
+    stiffest = max(starts, key=_cfl)
     if config.simulation.time_step == "auto":
         return _plan(
             config, settings_from(config, automatic_time_step(stiffest.settings, stiffest.parameters, _speed(stiffest)))
         )
-    check_time_step(stiffest.settings, stiffest.parameters, _speed(stiffest))
+    least_stable = max(
+        starts, key=lambda start: _cfl(start) / stable_cfl(start.material, start.parameters["poissons_ratio"])
+    )
+    check_time_step(least_stable.settings, least_stable.parameters, _speed(least_stable), least_stable.material)
     return plan
 
 
@@ -74,6 +75,10 @@ def _plan(config: DictConfig, settings: SimulationSettings) -> DataSetPlan:
         seed=whole_number(config, "data.seed", least=0),
         precision=str(precision_from(config)).removeprefix("torch."),
     )
+
+
+def _cfl(start: SceneStart) -> float:
+    return scene_cfl(start.settings, start.parameters, _speed(start))
 
 
 def _speed(start: SceneStart) -> float:

@@ -34,7 +34,7 @@ from pcnclaws.evaluation.tasks import (
 )
 from pcnclaws.laws.materials import Material
 from pcnclaws.runs import laws_for
-from pcnclaws.time_step import STABLE_CFL, largest_speed, scene_cfl, time_step_limit
+from pcnclaws.time_step import largest_speed, scene_cfl, stable_cfl, time_step_limit
 
 # Width of the table where the output is not a terminal.
 PLAIN_WIDTH = 120
@@ -109,7 +109,8 @@ def _require_stable(record: SceneRecord) -> None:
     """Refuses a record that says too little for a simulation, or whose time step no simulation survives."""
     start = start_of(record)
     speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
-    if scene_cfl(start.settings, start.parameters, speed) > STABLE_CFL:
+    stable = stable_cfl(start.material, start.parameters["poissons_ratio"])
+    if scene_cfl(start.settings, start.parameters, speed) > stable:
         raise UserError(
             f"{record.label}: time_step={start.settings.time_step:g} is unstable; accepted: {_limit(record)}"
         )
@@ -118,7 +119,7 @@ def _require_stable(record: SceneRecord) -> None:
 def _limit(record: SceneRecord) -> str:
     start = start_of(record)
     speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
-    return time_step_limit(start.settings, start.parameters, speed)
+    return time_step_limit(start.settings, start.parameters, speed, start.material)
 
 
 @contextmanager

@@ -49,7 +49,7 @@ def picture_path(output: Path) -> Path:
 def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
     settings, parameters = start.settings, start.parameters
     speed = largest_speed(start.position, start.velocity, settings.gravity, settings.wall_distance)
-    check_time_step(settings, parameters, speed)
+    check_time_step(settings, parameters, speed, start.material)
     steps, every = whole_number(config, "simulation.steps"), whole_number(config, "simulation.every")
     if every > steps:
         raise UserError(f"simulation.every={every} keeps no frame; accepted: 1 to simulation.steps={steps}")
@@ -63,7 +63,7 @@ def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
                 [start], laws, steps, every, keyframe_every, dtype, device, advance, skips, velocities=True
             )[0]
         except SimulationDiverged as error:
-            limit = time_step_limit(settings, parameters, speed)
+            limit = time_step_limit(settings, parameters, speed, start.material)
             raise SimulationDiverged(
                 f"{error}; simulation.time_step={settings.time_step:g}, stable: {limit}"
             ) from error

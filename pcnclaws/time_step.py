@@ -1,8 +1,11 @@
 """How long may a time step be? The CFL number of a scene, and the step that it allows."""
 
+import json
 import logging
 import math
 from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -15,9 +18,9 @@ from pcnclaws.mpm.settings import SimulationSettings
 log = logging.getLogger(__name__)
 
 COMFORTABLE_CFL = 0.4
-# Measured on falling and spinning cubes of all materials at the ends of their training ranges, 20 and 32 nodes: all are
-# stable at 0.7; with nu of 0.4 most have diverged at 1.0; with nu of 0.1 many survive 1.6.
-STABLE_CFL = 1.0
+# Largest CFL numbers at which falling and spinning bodies stay finite and gain no energy, by material and Poisson's
+# ratio. Measured by: python -m pcnclaws.benchmark problem=stability problem.limits=pcnclaws/stable_cfl.json
+STABLE_CFL_FILE = Path(__file__).with_name("stable_cfl.json")
 
 
 def largest_speed(
@@ -53,13 +56,24 @@ def automatic_time_step(settings: SimulationSettings, parameters: Mapping[str, f
     return float(f"{math.floor(step / unit) * unit:.3g}")
 
 
-def check_time_step(settings: SimulationSettings, parameters: Mapping[str, float], speed: float) -> None:
+def stable_cfl(material: str, poissons_ratio: float) -> float:
+    """The CFL number [-] up to which simulations of a material are stable, from the measured table.
+
+    Between the measured Poisson's ratios it goes linearly, beyond them it stays. A material that was not measured gets
+    the smallest number of all that were.
+    """
+    table = _stable_cfl_table()
+    known = [table[material]] if material in table else list(table.values())
+    return min(float(np.interp(poissons_ratio, limits["poissons_ratio"], limits["cfl"])) for limits in known)
+
+
+def check_time_step(settings: SimulationSettings, parameters: Mapping[str, float], speed: float, material: str) -> None:
     """Refuses a time step above the stability boundary with a UserError, warns in one line above CFL number 0.4."""
     cfl = scene_cfl(settings, parameters, speed)
-    if cfl > STABLE_CFL:
+    if cfl > stable_cfl(material, parameters["poissons_ratio"]):
         raise UserError(
             f"simulation.time_step={settings.time_step:g} is unstable; accepted: "
-            f"{time_step_limit(settings, parameters, speed)}"
+            f"{time_step_limit(settings, parameters, speed, material)}"
         )
     if cfl > COMFORTABLE_CFL:
         log.warning(
@@ -72,15 +86,22 @@ def check_time_step(settings: SimulationSettings, parameters: Mapping[str, float
         )
 
 
-def time_step_limit(settings: SimulationSettings, parameters: Mapping[str, float], speed: float) -> str:
-    """In words: the largest time step of this material, and the stiffest material of this time step."""
+def time_step_limit(settings: SimulationSettings, parameters: Mapping[str, float], speed: float, material: str) -> str:
+    """In words: the largest time step of this scene, and the stiffest material of this time step."""
+    stable = stable_cfl(material, parameters["poissons_ratio"])
     wave = _wave_speed(settings, parameters)
-    largest = STABLE_CFL * settings.grid_spacing / (wave + speed)
+    largest = stable * settings.grid_spacing / (wave + speed)
     # E grows with the square of the wave speed
-    room = STABLE_CFL * settings.grid_spacing / settings.time_step - speed
+    room = stable * settings.grid_spacing / settings.time_step - speed
     stiffest = parameters["youngs_modulus"] * (max(room, 0.0) / wave) ** 2
     accepted = f"at most {largest:.3g} s for youngs_modulus={parameters['youngs_modulus']:g} at {speed:.3g} m/s"
     return accepted if room <= 0.0 else f"{accepted}, or youngs_modulus at most {stiffest:.3g} Pa for this step"
+
+
+@cache
+def _stable_cfl_table() -> dict[str, dict[str, list[float]]]:
+    """By material: Poisson's ratios, increasing, and the limit at each."""
+    return json.loads(STABLE_CFL_FILE.read_text(encoding="utf-8"))["limits"]
 
 
 def _wave_speed(settings: SimulationSettings, parameters: Mapping[str, float]) -> float:

@@ -52,6 +52,8 @@ class ClosedForm(ABC):
 class AxialMotion(ClosedForm):
     """A bar that moves along x alone: x = X + u(X, t)."""
 
+    largest_strain = 1e-3
+
     @abstractmethod
     def axial(self, along: Float[np.ndarray, " particles"], time: float) -> tuple[np.ndarray, ...]:
         """u [m], du/dX [-], du/dt [m/s], d^2u/(dX dt) [1/s] of points at X [m], each (particles,)."""
@@ -81,7 +83,6 @@ class FreeBar(AxialMotion):
     box = Box((0.2, 0.45, 0.45), (0.6, 0.1, 0.1))
     duration = 0.06
     frames = 5
-    largest_strain = 1e-3
 
     @property
     def wave_number(self) -> float:
@@ -110,7 +111,6 @@ class TravellingWave(AxialMotion):
     frames = 2
     start = 0.38
     width = 0.06
-    largest_strain = 1e-3
 
     def axial(self, along: Float[np.ndarray, " particles"], time: float) -> tuple[np.ndarray, ...]:
         s = (along - self.start - self.wave_speed * time) / self.width

@@ -1,13 +1,13 @@
 """Scenes on the floor without a known answer: a simulation is compared with a finer one of the same law."""
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 
 import numpy as np
 from jaxtyping import Float
 
 from pcnclaws.benchmarking.lattices import Box, Lattice, block_means
-from pcnclaws.benchmarking.timed_runs import PAPER, Resolution, TimedRun, settings_of
+from pcnclaws.benchmarking.timed_runs import PAPER, Resolution, Scenario, TimedRun
 from pcnclaws.data.scenes import SceneStart
 from pcnclaws.laws.materials import material_named
 
@@ -18,16 +18,13 @@ BLOCKS = 5
 NODES_STEP = 10
 
 
-class FloorScene(ABC):
+class FloorScene(Scenario):
     """A cube of the paper's size in the paper's domain, of a material with the middle of its parameters.
 
     compared  how many of the last frames are compared
     """
 
     name: str
-    box: Box
-    duration: float
-    frames: int
     compared: int
 
     def __init__(self, material: str) -> None:
@@ -39,7 +36,7 @@ class FloorScene(ABC):
 
     def start(self, lattice: Lattice, resolution: Resolution) -> SceneStart:
         """The start, undeformed."""
-        settings = settings_of(self, resolution, PAPER.gravity, PAPER.wall_distance)
+        settings = self.settings(resolution, PAPER.gravity, PAPER.wall_distance)
         velocity, affine = self.motion(lattice)
         return SceneStart(
             self.name,

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 
 from pcnclaws.benchmarking.closed_forms import PARAMETERS, ClosedForm, FreeBar, SteadyRotation, TravellingWave
-from pcnclaws.benchmarking.lattices import Box, Lattice
-from pcnclaws.benchmarking.timed_runs import Resolution, TimedRun, settings_of
+from pcnclaws.benchmarking.lattices import Lattice
+from pcnclaws.benchmarking.timed_runs import Resolution, Scenario, TimedRun
 from pcnclaws.data.scenes import SceneStart
 from pcnclaws.mpm.diagnostics import angular_momentum
 
@@ -16,17 +16,16 @@ NO_GRAVITY = (0.0, 0.0, 0.0)
 NO_WALLS = 0.0
 
 
-class FreeMotion:
+class FreeMotion(Scenario):
     """A closed form as a scenario: starts on the exact motion."""
 
     def __init__(self, name: str, exact: ClosedForm) -> None:
         self.name, self.exact = name, exact
-        self.box: Box = exact.box
-        self.duration, self.frames = exact.duration, exact.frames
+        self.box, self.duration, self.frames = exact.box, exact.duration, exact.frames
 
     def start(self, lattice: Lattice, resolution: Resolution) -> SceneStart:
         """The start; velocities are those of half a step earlier, where symplectic Euler has them."""
-        settings = settings_of(self, resolution, NO_GRAVITY, NO_WALLS)
+        settings = self.settings(resolution, NO_GRAVITY, NO_WALLS)
         now = self.exact.motion(lattice.position, 0.0)
         before = self.exact.motion(lattice.position, -0.5 * settings.time_step)
         return SceneStart(

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from rich.table import Table
 
-from pcnclaws.benchmarking import run_time_vs_error, scaling, skips, step_cost, training
+from pcnclaws.benchmarking import run_time_vs_error, scaling, skips, stability, step_cost, training
 from pcnclaws.benchmarking.context import BenchmarkContext
 
 Document = Mapping[str, Any]
@@ -29,6 +29,7 @@ PROBLEMS = {
     "run_time_vs_error": Problem(run_time_vs_error.run, run_time_vs_error.draw, run_time_vs_error.tables),
     "scaling": Problem(scaling.run, scaling.draw, scaling.tables),
     "skips": Problem(skips.run, skips.draw, skips.tables),
+    "stability": Problem(stability.run, stability.draw, stability.tables),
     "step_cost": Problem(step_cost.run, step_cost.draw, step_cost.tables),
     "training": Problem(training.run, training.draw, training.tables),
 }

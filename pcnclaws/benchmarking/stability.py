@@ -1,6 +1,5 @@
 """Which time steps keep a simulation stable: the survival map, and the limit above which a time step is refused."""
 
-import json
 from collections.abc import Mapping
 from functools import partial
 from itertools import product
@@ -8,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from pcnclaws.backend import BACKENDS, using_backend
-from pcnclaws.benchmarking.checks import names, numbers, whole, wholes
+from pcnclaws.benchmarking.checks import names, numbers, whole
 from pcnclaws.benchmarking.context import BenchmarkContext, Checkpointed
 from pcnclaws.benchmarking.stability_limits import limits_of, single_particle_limit
 from pcnclaws.benchmarking.stability_report import draw, tables
 from pcnclaws.benchmarking.survival import MOTIONS, PRECISIONS, TOLERANCE, Batch, fates
-from pcnclaws.data.atomic import replaced_file
+from pcnclaws.evaluation.provenance import commit
+from pcnclaws.evaluation.report import write_metrics
 from pcnclaws.laws.materials import MATERIALS
 
 __all__ = ["draw", "run", "tables"]
@@ -29,7 +29,8 @@ def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]
     """The survival map and the limits.
 
     {"criterion", "cfl", "youngs_modulus", "poissons_ratio", "rows": [{"material", "flow", "motion", "precision",
-    "per_cell", "cfl", "fates": a word for each youngs_modulus, a letter for each poissons_ratio}], "limits"}
+    "per_cell", "cfl", "fates": a word for each youngs_modulus, a letter for each poissons_ratio}],
+    "single_particle": predicted limits, "limits"}
     """
     batches, moduli = _batches(options), _moduli(options)
     steps, (backend,) = whole(options, "steps"), names({"backend": [options["backend"]]}, "backend", BACKENDS)
@@ -42,13 +43,13 @@ def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]
             letters = stored.row(batch.name, partial(fates, batch, moduli, steps, context.device))
             rows.append(batch._asdict() | {"fates": _words(letters, len(options["poissons_ratio"]))})
     context.advance(len(batches), len(batches), "done")
-    results = {name: [float(value) for value in options[name]] for name in ("cfl", "youngs_modulus", "poissons_ratio")}
-    results |= {"criterion": CRITERION, "rows": rows}
-    results["single_particle"] = [single_particle_limit(ratio) for ratio in results["poissons_ratio"]]
-    results["limits"] = limits_of(results)
+    axes = {name: [float(value) for value in options[name]] for name in ("cfl", "youngs_modulus", "poissons_ratio")}
+    limits = limits_of(rows, axes["youngs_modulus"], axes["poissons_ratio"])
     if options["limits"] is not None:
-        _write_limits(Path(str(options["limits"])), results["limits"])
-    return results
+        # for the refusal of time steps, pcnclaws/time_step.py
+        write_metrics(Path(str(options["limits"])), {"options": key, "commit": commit(), "limits": limits})
+    alone = [single_particle_limit(ratio) for ratio in axes["poissons_ratio"]]
+    return axes | {"criterion": CRITERION, "rows": rows, "single_particle": alone, "limits": limits}
 
 
 def _batches(options: Mapping[str, Any]) -> list[Batch]:
@@ -60,7 +61,7 @@ def _batches(options: Mapping[str, Any]) -> list[Batch]:
     }
     materials = names(options, "materials", MATERIALS)
     motions, precisions = names(options, "motions", MOTIONS), names(options, "precisions", PRECISIONS)
-    per_cell, levels = wholes(options, "per_cell", most=4), sorted(numbers(options, "cfl", 0.0))
+    per_cell, levels = numbers(options, "per_cell", 0.4, 4.5), sorted(numbers(options, "cfl", 0.0))
     return [
         Batch(material, flow, *others)
         for material in materials
@@ -75,9 +76,3 @@ def _moduli(options: Mapping[str, Any]) -> list[tuple[float, float]]:
 
 def _words(letters: str, length: int) -> list[str]:
     return [letters[first : first + length] for first in range(0, len(letters), length)]
-
-
-def _write_limits(path: Path, limits: Mapping[str, Any]) -> None:
-    """The limits alone, for the refusal of time steps."""
-    with replaced_file(path) as unfinished:
-        unfinished.write_text(json.dumps(limits, indent=2) + "\n", encoding="utf-8")

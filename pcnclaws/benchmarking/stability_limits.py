@@ -4,7 +4,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+Row = Mapping[str, Any]
 STABLE = "s"
+CRUSHED_BELOW = 0.5
 
 
 def single_particle_limit(poissons_ratio: float) -> float:
@@ -18,34 +20,41 @@ def single_particle_limit(poissons_ratio: float) -> float:
     return math.sqrt(min((1.0 - nu) / (1.0 + nu), (1.0 - nu) / (1.0 - 2.0 * nu)))
 
 
-def limits_of(results: Mapping[str, Any]) -> dict[str, dict[str, list[float]]]:
-    """Largest CFL number by material and Poisson's ratio at which, and below which, all bodies are stable.
+def limits_of(
+    rows: Sequence[Row], moduli: Sequence[float], ratios: Sequence[float]
+) -> dict[str, dict[str, list[float]]]:
+    """Largest CFL number by material and Poisson's ratio up to which the bodies of all stiffnesses are stable.
 
-    {material: {"poissons_ratio": [...], "cfl": [...]}}. A stiffness counts when its bodies survive the smallest step:
-    what a body's own weight or speed crushes at any step is not the time step's doing.
+    {material: {"poissons_ratio": [...], "cfl": [...]}}; stiffnesses whose bodies are crushed do not count.
+    rows  the batches of the map, with their "fates" by number of the modulus and of the ratio
     """
     found = {}
-    for material in dict.fromkeys(row["material"] for row in results["rows"]):
-        rows = [row for row in results["rows"] if row["material"] == material]
-        ratios = results["poissons_ratio"]
-        limits = {ratio: _limit(rows, len(results["youngs_modulus"]), k) for k, ratio in enumerate(ratios)}
-        known = {ratio: limit for ratio, limit in sorted(limits.items()) if limit is not None}
-        found[material] = {"poissons_ratio": list(known), "cfl": list(known.values())}
+    for material in dict.fromkeys(row["material"] for row in rows):
+        same = [row for row in rows if row["material"] == material]
+        limits: dict[float, float] = {}
+        for k, ratio in enumerate(ratios):
+            by_modulus = [limit_of(same, modulus, k) for modulus in range(len(moduli))]
+            counted = [limit for limit in by_modulus if not is_crushed(limit, by_modulus)]
+            if counted:
+                limits[ratio] = min(counted)
+        found[material] = {"poissons_ratio": sorted(limits), "cfl": [limits[ratio] for ratio in sorted(limits)]}
     return found
 
 
-def crushed(rows: Sequence[Mapping[str, Any]], modulus: int, ratio: int) -> bool:
-    """Whether some body of this E and nu, by their numbers, fails at the smallest time step, too."""
-    smallest = min(row["cfl"] for row in rows)
-    return any(row["fates"][modulus][ratio] != STABLE for row in rows if row["cfl"] == smallest)
-
-
-def _limit(rows: Sequence[Mapping[str, Any]], moduli: int, ratio: int) -> float | None:
-    counted = [modulus for modulus in range(moduli) if not crushed(rows, modulus, ratio)]
-    limit = None
+def limit_of(rows: Sequence[Row], modulus: int, ratio: int) -> float:
+    """Largest CFL number at which, and below which, all bodies of an E and nu, by their numbers, are stable; else 0."""
+    limit = 0.0
     for level in sorted({row["cfl"] for row in rows}):
-        same = [row["fates"][modulus][ratio] for row in rows if row["cfl"] == level for modulus in counted]
-        if not same or any(fate != STABLE for fate in same):
+        if any(row["fates"][modulus][ratio] != STABLE for row in rows if row["cfl"] == level):
             break
         limit = level
     return limit
+
+
+def is_crushed(limit: float, of_all_moduli: Sequence[float]) -> bool:
+    """Whether bodies fail for another reason than their time step.
+
+    The limit hardly depends on the stiffness when time is measured in CFL numbers. Bodies that fail at less than half
+    the number which others of their Poisson's ratio survive are so soft that their weight and speed crush them.
+    """
+    return limit < CRUSHED_BELOW * max(of_all_moduli) or limit == 0.0

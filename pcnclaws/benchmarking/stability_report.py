@@ -12,11 +12,11 @@ from matplotlib.patches import Patch
 from rich.table import Table
 
 from pcnclaws.benchmarking.charts import DPI, save, table_of
-from pcnclaws.benchmarking.stability_limits import STABLE, crushed
+from pcnclaws.benchmarking.stability_limits import STABLE, is_crushed, limit_of
 
 DIVERGED = "d"
 # What the colours say of all bodies of a field of the map, by growing trouble.
-KINDS = ("all stable", "some gain energy", "some diverge", "all diverge", "crushed at any step")
+KINDS = ("all stable", "some gain energy", "some diverge", "all diverge", "crushed")
 SHADES = ("#2a788e", "#b8de29", "#f8a255", "#b63679", "#cccccc")
 
 
@@ -56,14 +56,20 @@ def kinds_of(rows: Sequence[Mapping[str, Any]], results: Mapping[str, Any], modu
     """Number into KINDS of every field of a panel, (CFL numbers, Poisson's ratios)."""
     ratios, levels = range(len(results["poissons_ratio"])), sorted(results["cfl"])
     kinds = np.zeros((len(levels), len(ratios)), dtype=int)
-    for (i, level), k in ((x, y) for x in enumerate(levels) for y in ratios):
-        fates = [row["fates"][modulus][k] for row in rows if row["cfl"] == level]
-        diverged = sum(fate == DIVERGED for fate in fates)
-        gains = any(fate != STABLE for fate in fates)
-        kinds[i, k] = 3 if diverged == len(fates) else 2 if diverged else 1 if gains else 0
-        if crushed(rows, modulus, k):
-            kinds[i, k] = 4
+    for k in ratios:
+        limits = [limit_of(rows, number, k) for number in range(len(results["youngs_modulus"]))]
+        crushed = is_crushed(limits[modulus], limits)
+        for i, level in enumerate(levels):
+            fates = "".join(row["fates"][modulus][k] for row in rows if row["cfl"] == level)
+            kinds[i, k] = 4 if crushed else _kind(fates)
     return kinds
+
+
+def _kind(fates: str) -> int:
+    diverged = fates.count(DIVERGED)
+    if diverged:
+        return 3 if diverged == len(fates) else 2
+    return 0 if fates == STABLE * len(fates) else 1
 
 
 def _map(axis: Axes, kinds: np.ndarray) -> None:

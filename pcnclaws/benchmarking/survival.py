@@ -23,7 +23,7 @@ from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
 from pcnclaws.time_step import largest_speed, scene_cfl
 
-NODES, WALL_CELLS = 11, 2
+NODES, WALL_CELLS = 12, 2
 GRAVITY = (0.0, -9.8, 0.0)
 # Velocity [m/s] and spin [rad/s] where a body begins to feel the floor: a fall of 0.15 m, and a spinning hop.
 MOTIONS = {"dropped": ((0.0, -1.715, 0.0), (0.0, 0.0, 0.0)), "spinning": ((0.3, -1.0, 0.2), (3.0, 1.0, 3.0))}
@@ -33,7 +33,7 @@ TIME_STEP = 1e-3
 TOLERANCE = 0.1
 # A run covers at least the time in which a wave of CFL number 1 crosses so many cells: all of the contact.
 CELLS = 40.0
-LOOK_EVERY = 10
+LOOK_EVERY = 20
 STABLE, GAINS_ENERGY, DIVERGED = "s", "e", "d"
 
 
@@ -41,21 +41,23 @@ class Batch(NamedTuple):
     """What the scenes of one batch have in common.
 
     flow      the plastic parameter: friction_angle [deg], or yield_stress in units of youngs_modulus; None without
-    per_cell  particles along the edge of a grid cell
+    per_cell  particles along the edge of a grid cell; at 0.5 they are alone on the grid
     """
 
     material: str
     flow: float | None
     motion: str
     precision: str
-    per_cell: int
+    per_cell: float
     cfl: float
 
     @property
     def name(self) -> str:
         """In words, for the progress and the stored rows."""
         flow = "" if self.flow is None else f" {self.flow:g}"
-        return f"{self.material}{flow}, {self.motion}, {self.precision}, {self.per_cell} a cell edge, CFL {self.cfl:g}"
+        return (
+            f"{self.material}{flow}, {self.motion}, {self.precision}, {self.per_cell:g} a cell edge, CFL {self.cfl:g}"
+        )
 
 
 def fates(batch: Batch, moduli: list[tuple[float, float]], steps: int, device: torch.device) -> str:
@@ -82,7 +84,7 @@ def fates(batch: Batch, moduli: list[tuple[float, float]], steps: int, device: t
 def scene_start(batch: Batch, youngs_modulus: float, poissons_ratio: float) -> SceneStart:
     """A body that begins to feel the floor, in the unit of time in which the batch's step has its CFL number."""
     spacing = 1.0 / NODES
-    side = (2 + 2 * batch.per_cell) / batch.per_cell * spacing
+    side = round(2 + 2 * batch.per_cell) / batch.per_cell * spacing
     floor = (WALL_CELLS + 1.5) * spacing
     body = filled(Box((0.5 - 0.5 * side, floor, 0.5 - 0.5 * side), (side, side, side)), spacing / batch.per_cell)
     velocity, spin = MOTIONS[batch.motion]

@@ -1,9 +1,10 @@
 """One scene, simulated with the settings that a comparison of run time and error varies, and timed."""
 
 import copy
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -63,14 +64,24 @@ class Resolution:
         return filled(box, 1.0 / (self.grid_nodes * self.per_cell))
 
 
-class Scenario(Protocol):
+class Scenario(ABC):
     """A motion to simulate: one body that is looked at `frames` times, equally spaced, within `duration` [s]."""
 
     box: Box
     duration: float
     frames: int
 
-    def start(self, lattice: Lattice, resolution: Resolution) -> SceneStart: ...
+    @abstractmethod
+    def start(self, lattice: Lattice, resolution: Resolution) -> SceneStart:
+        """The start, with the particles of `lattice`."""
+
+    def settings(
+        self, resolution: Resolution, gravity: tuple[float, float, float], wall_distance: float
+    ) -> SimulationSettings:
+        """The settings at a resolution."""
+        interval = self.duration / self.frames
+        time_step = interval / resolution.steps_between(interval)
+        return SimulationSettings(time_step, resolution.grid_nodes, wall_distance, gravity)
 
 
 class TimedRun(NamedTuple):
@@ -84,16 +95,6 @@ class TimedRun(NamedTuple):
     final: ParticleState
     steps: int
     seconds: float
-
-
-def settings_of(
-    scenario: Scenario, resolution: Resolution, gravity: tuple[float, float, float], wall_distance: float
-) -> SimulationSettings:
-    """The settings of a scenario at a resolution."""
-    interval = scenario.duration / scenario.frames
-    return SimulationSettings(
-        interval / resolution.steps_between(interval), resolution.grid_nodes, wall_distance, gravity
-    )
 
 
 def timed_run(scenario: Scenario, laws: Laws, resolution: Resolution, device: torch.device) -> TimedRun:
