@@ -13,6 +13,7 @@ from pcnclaws.benchmarking.cases import Case, Prepared
 from pcnclaws.benchmarking.context import Checkpointed
 from pcnclaws.benchmarking.processes import peak_memory, seconds_of_process
 from pcnclaws.benchmarking.skip_trials import TRIALS, switched_off
+from pcnclaws.benchmarking.step_cost_report import axis_floor
 from pcnclaws.benchmarking.yardstick import Timing, Yardstick, cost_of, interleaved
 from pcnclaws.composition import compose_config
 from pcnclaws.skips import Skips
@@ -92,6 +93,11 @@ def test_a_problem_leaves_its_document_and_pictures_and_can_be_redrawn(name: str
     assert again.status == 0, again.err
     assert {path.name: path.read_bytes() for path in (tmp_path / "new").iterdir()} == pictures
     assert again.out.replace("new/", "o/") in outcome.out  # the same tables
+
+
+@pytest.mark.parametrize(("costs", "floor"), [([0.83, 12.3], 0.1), ([2.1, 145.0], 1.0), ([1.0, 9.0], 0.1)])
+def test_the_logarithmic_axis_begins_below_the_shortest_bar(costs: list[float], floor: float) -> None:
+    assert axis_floor(costs) == pytest.approx(floor)
 
 
 def test_every_switch_is_tried_alone_and_all_together() -> None:

@@ -57,7 +57,7 @@ LARGEST_BATCH = 8000
 LEAST_SECONDS = 2.0
 # Cost of other engines [T/1000 per 1000 particles and step]: forward and backward through 100 steps in B and D.
 REFERENCES = {
-    "note": "in units of T/1000, measured elsewhere on the same kind of core, one thread, not in this run",
+    "note": "in units of T/1000, measured on another machine, one thread, not in this run",
     "NCLaws engine (Warp)": {"A": 8.9, "B": 50.0, "C": 27.0, "D": 95.0, "A 8000": 6.4, "A 64000": 5.9},
     "warp-mpm": {"A": 9.5},
     "MPM-PyTorch": {"A": 50.0, "B": 145.0, "A 8000": 39.0, "A 64000": 39.0},

@@ -1,6 +1,7 @@
 """The tables and the picture of the cost of a step."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ def draw(document: Mapping[str, Any], folder: Path) -> list[Path]:
         axis.bar(places, heights, width, color=COLOURS[number % len(COLOURS)], alpha=strength, label=name)
     _bounds(axis, results["rows"], list(groups))
     axis.set_yscale("log")
-    axis.set_ylim(bottom=1.0)
+    axis.set_ylim(bottom=axis_floor(cost for bars in groups.values() for cost in bars.values()))
     axis.set_xticks(range(len(groups)), [name.replace(", ", "\n") for name in groups], fontsize=8)
     decorate(axis, "", UNIT)
     axis.grid(False, axis="x")
@@ -67,6 +68,11 @@ def draw(document: Mapping[str, Any], folder: Path) -> list[Path]:
     )
     figure.supxlabel(note, fontsize=7, color="0.4")
     return [save(figure, folder / f"{document['problem']}.png")]
+
+
+def axis_floor(costs: Iterable[float]) -> float:
+    """Power of ten below all costs: where bars on a logarithmic axis begin."""
+    return 10.0 ** (math.ceil(math.log10(min(costs))) - 1)
 
 
 def _groups(results: Mapping[str, Any]) -> dict[str, dict[str, float]]:
