@@ -1,8 +1,5 @@
 """The compiled kernels against the PyTorch reference: the step, its derivatives in both modes, and its corners."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import pytest
 import torch
 from bodies import per_particle, principal, seeded, uniform
@@ -16,7 +13,6 @@ from compiled_checks import (
     rates,
     simulator_of,
 )
-from conftest import Outcome
 from law_checks import rotations
 from torch.autograd import forward_ad
 
@@ -265,40 +261,3 @@ def test_what_the_kernels_cannot_differentiate_runs_in_pytorch() -> None:
     step = 1e-6
     by_difference = (stress(f + step) - stress(f - step)) / (2 * step)
     torch.testing.assert_close(by_transform, by_difference, rtol=1e-6, atol=1e-3)
-
-
-def test_without_a_compiler_one_line_says_that_pytorch_runs(
-    command: Callable[..., Outcome], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.delenv("CXX", raising=False)
-    options = ("material=elasticity", "simulation.steps=2", "simulation.every=2", "scene.particles_per_edge=3")
-    done = command("simulate", *options, "picture=false", "output=x.h5")
-    assert done.status == 0
-    assert done.err.count("\n") == 1
-    assert "no C++ compiler" in done.err
-    refused = command("simulate", *options, "picture=false", "output=y.h5", "simulation.backend=compiled")
-    assert refused.status == 2
-    assert "simulation.backend=compiled" in refused.err.splitlines()[-1]
-    assert not (tmp_path / "y.h5").exists()
-
-
-@pytest.mark.slow
-def test_compiled_once_and_kept(
-    command: Callable[..., Outcome], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "a cache"))
-    options = ("material=elasticity", "simulation.steps=2", "simulation.every=2", "scene.particles_per_edge=3")
-    options = (*options, "picture=false", "output=x.h5", "simulation.skip=none")
-    first = command("simulate", *options)
-    assert "compiling the C++ kernels" in first.err
-    assert first.status == 0
-    again = command("simulate", *options)
-    assert again.err == ""
-    # a library that was damaged is made anew by the next process
-    (library,) = (tmp_path / "a cache" / "pcnclaws").glob("kernels-*.so")
-    library.write_bytes(b"")
-    damaged = command("simulate", *options)
-    assert damaged.status == 0
-    assert "could not be made" in damaged.err or "compiling" in damaged.err
-    assert "compiling the C++ kernels" in command("simulate", *options).err
