@@ -58,7 +58,7 @@ def kinds_of(rows: Sequence[Mapping[str, Any]], results: Mapping[str, Any], modu
     kinds = np.zeros((len(levels), len(ratios)), dtype=int)
     for k in ratios:
         limits = [limit_of(rows, number, k) for number in range(len(results["youngs_modulus"]))]
-        crushed = is_crushed(limits[modulus], limits)
+        crushed = is_crushed(modulus, limits, results["youngs_modulus"])
         for i, level in enumerate(levels):
             fates = "".join(row["fates"][modulus][k] for row in rows if row["cfl"] == level)
             kinds[i, k] = 4 if crushed else _kind(fates)

@@ -1,4 +1,4 @@
-"""Small bodies that meet the floor, many in one batch: which of them stay finite and gain no energy.
+"""Bodies that meet the floor, many in one batch: which of them stay finite and gain no energy.
 
 Scenes of a batch share their time step, and are to have the same CFL number with different materials. So each scene is
 brought to the time step of the batch by a change of the unit of time: velocities go with it, gravity and stresses with
@@ -23,7 +23,9 @@ from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
 from pcnclaws.time_step import largest_speed, scene_cfl
 
-NODES, WALL_CELLS = 12, 2
+NODES, WALL_CELLS = 20, 2
+# A body has so many particles along an edge and is so many cells long: at least. Smaller ones survive larger steps.
+EDGE_PARTICLES, EDGE_CELLS = 6, 5
 GRAVITY = (0.0, -9.8, 0.0)
 # Velocity [m/s] and spin [rad/s] where a body begins to feel the floor: a fall of 0.15 m, and a spinning hop.
 MOTIONS = {"dropped": ((0.0, -1.715, 0.0), (0.0, 0.0, 0.0)), "spinning": ((0.3, -1.0, 0.2), (3.0, 1.0, 3.0))}
@@ -84,7 +86,7 @@ def fates(batch: Batch, moduli: list[tuple[float, float]], steps: int, device: t
 def scene_start(batch: Batch, youngs_modulus: float, poissons_ratio: float) -> SceneStart:
     """A body that begins to feel the floor, in the unit of time in which the batch's step has its CFL number."""
     spacing = 1.0 / NODES
-    side = round(2 + 2 * batch.per_cell) / batch.per_cell * spacing
+    side = round(max(EDGE_PARTICLES, EDGE_CELLS * batch.per_cell)) / batch.per_cell * spacing
     floor = (WALL_CELLS + 1.5) * spacing
     body = filled(Box((0.5 - 0.5 * side, floor, 0.5 - 0.5 * side), (side, side, side)), spacing / batch.per_cell)
     velocity, spin = MOTIONS[batch.motion]
