@@ -29,7 +29,7 @@ from pcnclaws.benchmarking.free_motions import FreeMotion
 from pcnclaws.benchmarking.lattices import Box, block_means, filled
 from pcnclaws.benchmarking.orders import GridError, error_of_reference, order_of, orders_of
 from pcnclaws.benchmarking.run_time_vs_error_report import pareto_front
-from pcnclaws.benchmarking.sweep import PRESETS
+from pcnclaws.benchmarking.sweep import PRESETS, automatic_of
 from pcnclaws.benchmarking.timed_runs import PAPER, Resolution, timed_run
 from pcnclaws.benchmarking.yardstick import Yardstick
 from pcnclaws.composition import compose_config
@@ -287,3 +287,13 @@ def test_options_of_a_preset_can_be_changed() -> None:
     assert config.simulation.steps == 7
     assert not any(config.simulation.skip.values())
     assert len(start_from(config).position) == 64
+
+
+@pytest.mark.parametrize("material", list(MATERIALS))
+def test_the_automatic_time_step_is_measured_as_simulate_chooses_it(material: str) -> None:
+    options = tiny_options() | {"presets": True}
+    (resolution,) = automatic_of(options, "drop", material)
+    chosen = start_from(compose_config("simulate", [f"material={material}", "simulation.time_step=auto"])).settings
+    assert (resolution.grid_nodes, resolution.per_cell) == (chosen.grid_nodes, 1)
+    # particles on the faces, as simulate puts them, are half a spacing nearer to the floor
+    assert resolution.time_factor * PAPER.time_step == pytest.approx(chosen.time_step, rel=0.01)

@@ -7,6 +7,7 @@ bar, wave, rotation   motions with a known answer, of an elastic body
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from pcnclaws.benchmarking.convergence import orders_table, reference_errors
 from pcnclaws.benchmarking.floor_scenes import FLOOR_SCENES
 from pcnclaws.benchmarking.free_motions import FreeMotion
 from pcnclaws.benchmarking.run_time_vs_error_report import draw, tables
-from pcnclaws.benchmarking.sweep import Trial, presets_of, trials_of
+from pcnclaws.benchmarking.sweep import Trial, automatic_of, presets_of, trials_of
 from pcnclaws.benchmarking.timed_runs import cost_of_run, timed_run
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.laws.materials import Laws, Material, analytic_laws, material_named
@@ -33,8 +34,8 @@ def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]
     """Run time and error of every setting.
 
     {"rows": [{"problem", "material", "law", settings, cost, "error", ...}], "references", "orders", "presets",
-    "neural_laws"}; the errors of the floor scenes are in units of the body's size, the others relative to the
-    displacement; null for a run that diverged
+    "automatic": settings of simulation.time_step=auto, "neural_laws"}; the errors of the floor scenes are in units of
+    the body's size, the others relative to the displacement; null for a run that diverged
     """
     trials, finer = trials_of(options)
     laws = _laws(options, context, trials)
@@ -65,6 +66,11 @@ def _results(
         "references": reference_errors(plain, orders),
         "orders": orders,
         "presets": {name: asdict(resolution) for name, resolution in presets_of(options).items()},
+        "automatic": [
+            {"problem": problem, "material": material} | asdict(resolution)
+            for problem, material in product(options["problems"], options["materials"])
+            for resolution in automatic_of(options, problem, material)
+        ],
         "neural_laws": str(options["law"] or "untrained, of the seed: compared with themselves alone"),
     }
 

@@ -51,9 +51,10 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, flo
 
 
 def tables(document: Mapping[str, Any]) -> list[Table]:
-    """The presets on the floor scenes, and the orders of convergence."""
+    """The presets and the automatic time step on the floor scenes, and the orders of convergence."""
     results = document["results"]
-    return [_preset_table(results), _order_table(results)]
+    automatic = [_automatic_table(results)] if results.get("automatic") else []
+    return [_preset_table(results), *automatic, _order_table(results)]
 
 
 def _panel(axis: Axes, rows: Sequence[Row], results: Mapping[str, Any]) -> None:
@@ -155,6 +156,29 @@ def _preset_table(results: Mapping[str, Any]) -> Table:
                 str(row["grid_nodes"]),
                 f"{row['time_step']:.4g}",
                 str(row["particles"]),
+                f"{row['seconds_per_simulated_second']:.3g}",
+                f"{1e2 * row['error']:.2g}",
+            )
+    return table
+
+
+def _automatic_table(results: Mapping[str, Any]) -> Table:
+    """The automatic time step between the others at the same grid: what its error is made of."""
+    table = table_of(
+        "time_step=auto and others at its grid", "", "time step [s]", "s per simulated s", "error [% of size]"
+    )
+    for chosen in results["automatic"]:
+        same = [
+            row
+            for row in results["rows"]
+            if all(row[key] == chosen[key] for key in ("problem", "material", *HELD) if key != "time_factor")
+            and row["error"] is not None
+        ]
+        for row in sorted(same, key=lambda row: (row["law"], row["time_factor"])):
+            name = "auto: " if row["time_factor"] == chosen["time_factor"] else ""
+            table.add_row(
+                f"{name}{row['problem']}, {row['material']}, {row['law']}",
+                f"{row['time_step']:.4g}",
                 f"{row['seconds_per_simulated_second']:.3g}",
                 f"{1e2 * row['error']:.2g}",
             )

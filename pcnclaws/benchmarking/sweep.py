@@ -10,9 +10,10 @@ from pcnclaws.benchmarking.checks import names, numbers, wholes
 from pcnclaws.benchmarking.closed_forms import CLOSED_FORMS
 from pcnclaws.benchmarking.floor_scenes import FLOOR_SCENES, NODES_STEP, FloorScene
 from pcnclaws.benchmarking.free_motions import FreeMotion
-from pcnclaws.benchmarking.timed_runs import Resolution
+from pcnclaws.benchmarking.timed_runs import PAPER, Resolution
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.time_step import automatic_time_step, largest_speed
 
 LAWS = ("analytic", "neural")
 PROBLEMS = (*FLOOR_SCENES, *CLOSED_FORMS)
@@ -61,7 +62,8 @@ def trials_of(options: Mapping[str, Any]) -> tuple[list[Trial], list[Trial]]:
     for material, law, problem in product(materials, laws, names(options, "problems", PROBLEMS)):
         if problem in FLOOR_SCENES:
             finer.append(Trial(problem, material, law, finest))
-            trials += [Trial(problem, material, law, resolution) for resolution in floor]
+            for resolution in dict.fromkeys((*floor, *automatic_of(options, problem, material))):
+                trials.append(Trial(problem, material, law, resolution))
         elif material == ELASTIC:
             trials += [Trial(problem, material, law, resolution) for resolution in free]
     return trials, finer
@@ -91,6 +93,16 @@ def presets_of(options: Mapping[str, Any]) -> dict[str, Resolution]:
     """The settings of simulation=fast|balanced|accurate, where they are asked for."""
     chosen = PRESETS if options["presets"] else {}
     return {name: replace(resolution, backend=_backend(options)) for name, resolution in chosen.items()}
+
+
+def automatic_of(options: Mapping[str, Any], problem: str, material: str) -> list[Resolution]:
+    """The paper's grid and particles with simulation.time_step=auto of a floor scene, with the presets; else nothing."""
+    if not options["presets"] or problem not in FLOOR_SCENES:
+        return []
+    scenario, plain = FLOOR_SCENES[problem](material), Resolution(PAPER.grid_nodes, 1, 1.0, backend=_backend(options))
+    start = scenario.start(plain.lattice(scenario.box), plain)
+    speed = largest_speed(start.position, start.velocity, PAPER.gravity, PAPER.wall_distance)
+    return [replace(plain, time_factor=automatic_time_step(PAPER, start.parameters, speed) / PAPER.time_step)]
 
 
 def _backend(options: Mapping[str, Any]) -> str:
