@@ -96,7 +96,7 @@ def presets_of(options: Mapping[str, Any]) -> dict[str, Resolution]:
 
 
 def automatic_of(options: Mapping[str, Any], problem: str, material: str) -> list[Resolution]:
-    """The paper's grid and particles with simulation.time_step=auto of a floor scene, with the presets; else nothing."""
+    """simulation.time_step=auto on the grid of the paper, of a floor scene and with the presets; else nothing."""
     if not options["presets"] or problem not in FLOOR_SCENES:
         return []
     scenario, plain = FLOOR_SCENES[problem](material), Resolution(PAPER.grid_nodes, 1, 1.0, backend=_backend(options))
