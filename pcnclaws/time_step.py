@@ -77,10 +77,11 @@ def check_time_step(settings: SimulationSettings, parameters: Mapping[str, float
         )
     if cfl > COMFORTABLE_CFL:
         log.warning(
-            "simulation.time_step=%g has the CFL number %.2f, above %g: expect errors of the time step; "
-            "simulation.time_step=auto chooses %g s",
+            "simulation.time_step=%g has the CFL number %.2f: above %.2f such bodies diverged; "
+            "simulation.time_step=auto stays at %g with %g s",
             settings.time_step,
             cfl,
+            stable_cfl(material, parameters["poissons_ratio"]),
             COMFORTABLE_CFL,
             automatic_time_step(settings, parameters, speed),
         )
