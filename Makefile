@@ -1,6 +1,6 @@
 # `make` lists the targets. Each of them does its own set-up, once.
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-all lint clean
+.PHONY: help install demo test test-all tables lint clean
 .DELETE_ON_ERROR:
 
 PYTHON ?= python3
@@ -24,6 +24,9 @@ test: $(INSTALLED) ## run the tests that take seconds
 
 test-all: $(INSTALLED) ## run all tests
 	$(PYTEST)
+
+tables: $(INSTALLED) ## write docs/results.md from the JSON files in docs/results/accuracy
+	$(RUN) pcnclaws.results_page docs/results/accuracy docs/results.md
 
 lint: $(INSTALLED) ## check style, types and the direction of imports
 	$(VENV)/bin/ruff check
