@@ -24,7 +24,7 @@ ROWS = {
 }
 # The paper's errors [m^2] by material and row: training motion, twice its length, other shapes, unseen parameters (the
 # mean of its two objects).
-PAPER_TASKS = ("reconstruction", "long_term", "geometry", "unseen")
+PAPER_TASKS: tuple[str, ...] = ("reconstruction", "long_term", "geometry", "unseen")
 PAPER: dict[str, dict[str, tuple[float | None, ...]]] = {
     "elasticity": {"-S": (5.9e-5, 1.4e-4, 3.2e-4, None), "-M": (2.6e-4, 2.2e-3, 2.1e-3, 4.1e-4)},
     "plasticine": {"-S": (8.6e-5, 2.6e-4, 4.5e-4, None), "-M": (4.1e-4, 5.2e-3, 4.0e-3, 3.25e-4)},
