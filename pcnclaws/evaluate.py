@@ -1,6 +1,6 @@
 """Evaluates a law: python -m pcnclaws.evaluate material=sand law=analytic trajectories=x.h5 output=metrics.json."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,21 +21,19 @@ from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import start_of
 from pcnclaws.errors import SimulationDiverged, UserError
-from pcnclaws.evaluation.builtin import builtin_starts, paper_errors, steps_of_truth, true_records
-from pcnclaws.evaluation.gallery import leave_pictures
+from pcnclaws.evaluation.builtin import builtin_task, paper_errors, true_records
+from pcnclaws.evaluation.divergence import DivergedScene, survivors
+from pcnclaws.evaluation.floor import floor
+from pcnclaws.evaluation.frames import in_automatic_time_step
+from pcnclaws.evaluation.gallery import leave_map, leave_pictures
 from pcnclaws.evaluation.provenance import provenance
-from pcnclaws.evaluation.report import metrics, results_table, write_metrics
-from pcnclaws.evaluation.tasks import (
-    SceneResult,
-    evaluate_records,
-    in_automatic_time_step,
-    require_material,
-    steps_to_run,
-)
-from pcnclaws.laws.materials import Material
+from pcnclaws.evaluation.report import Outcomes, metrics, results_table, survived, write_metrics
+from pcnclaws.evaluation.tasks import evaluate_records, require_material, steps_to_run
+from pcnclaws.laws.materials import Laws, Material
 from pcnclaws.runs import laws_for
 from pcnclaws.time_step import largest_speed, scene_cfl, stable_cfl, time_step_limit
 
+FLOOR_WORDS = {"float64": "analytic law in double precision", "half_step": "and with half the time step"}
 # Width of the table where the output is not a terminal.
 PLAIN_WIDTH = 120
 
@@ -45,11 +43,12 @@ def evaluate(config: DictConfig) -> None:
     output = output_file(config)
     use_processor(config)
     material = material_from(config)
-    results = _results(config, material)
-    _print_table(config, results, material)
-    if config.picture:
-        for path in leave_pictures(results, output.parent, output.stem):
-            print(f"wrote {path}")
+    outcomes, floors = _on_file(config, material) if config.task.name == "file" else _on_task(config, material)
+    _print_table(config, outcomes, material)
+    if floors:
+        print(f"floor: {', '.join(f'{FLOOR_WORDS[name]} {_in_words(mse)}' for name, mse in floors.items())}")
+    for path in _pictures(config, outcomes, material, output) if config.picture else ():
+        print(f"wrote {path}")
     source = {
         "material": material.name,
         "law": str(config.law),
@@ -57,34 +56,66 @@ def evaluate(config: DictConfig) -> None:
         "trajectories": config.trajectories,
     }
     origin = provenance(config.seed, device_from(config)) | {"precision": config.precision}
-    write_metrics(output, source | metrics(results) | {"provenance": origin})
+    values = metrics(outcomes) | ({"floor": floors} if floors else {})
+    write_metrics(output, source | values | {"provenance": origin})
     print(f"wrote {output}")
 
 
-def _results(config: DictConfig, material: Material) -> list[SceneResult]:
-    device, dtype, skips = device_from(config), precision_from(config), skips_from(config)
+def _on_file(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str, float | None]]:
+    """What becomes of the scenes of a file; no floor, whose truth would have to be analytic."""
     records = _file_records(config, material)
-    starts = builtin_starts(config.task.name, material) if records is None else []
-    laws = laws_for(str(config.law), material, [scene.parameters for scene in records or starts])
-    if records is None:
-        with _progress("simulating the truth", steps_of_truth(material)) as advance:
-            records = _in_time_step(config, true_records(starts, material, device, advance, skips))
+    laws = laws_for(str(config.law), material, [record.parameters for record in records])
+    return _simulated(config, records, laws), {}
+
+
+def _on_task(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str, float | None]]:
+    """What becomes of the scenes of a built-in task, and the floor of their errors."""
+    if config.trajectories is not None:
+        raise UserError(
+            f"trajectories={config.trajectories} does not go with task={config.task.name}; accepted: one of the two"
+        )
+    task = builtin_task(config.task.name, material)
+    # that a map goes outside the training data needs no warning
+    laws = laws_for(str(config.law), material, [] if task.may_diverge else [start.parameters for start in task.starts])
+    device, skips = device_from(config), skips_from(config)
+    with _progress("simulating the truth", task.work) as advance:
+        truth = true_records(task, material, device, advance, skips)
+    records = [scene for scene in truth if isinstance(scene, SceneRecord)]
+    outcomes = [scene for scene in truth if isinstance(scene, DivergedScene)]
+    if records:
+        outcomes = [*_simulated(config, _in_time_step(config, records), laws, task.may_diverge), *outcomes]
+    if not config.floor or not records:
+        return outcomes, {}
+    with _progress("simulating the floor", 2 * len(records)) as advance:
+        return outcomes, floor(records, device, advance, skips)
+
+
+def _simulated(config: DictConfig, records: list[SceneRecord], laws: Laws, may_diverge: bool = False) -> Outcomes:
+    """The records beside what the laws make of them. may_diverge: a scene that diverges is a result, too."""
+    options = (laws, precision_from(config), device_from(config))
+    what, skips = f"simulating with law={config.law}", skips_from(config)
+    if may_diverge:
+        with _progress(what, len(records)) as advance:
+            return survivors(records, lambda some: evaluate_records(some, *options, None, skips), advance)
     try:
-        with _progress(f"simulating with law={config.law}", steps_to_run(records)) as advance:
-            return evaluate_records(records, laws, dtype, device, advance, skips)
+        with _progress(what, steps_to_run(records)) as advance:
+            return evaluate_records(records, *options, advance, skips)
     except SimulationDiverged as error:
         failed = next((record for record in records if f"scene '{record.name}'" in str(error)), records[0])
         advice = f"time_step={failed.settings.time_step:g}, stable: {_limit(failed)}"
         raise SimulationDiverged(f"{error}; {advice}") from error
 
 
-def _file_records(config: DictConfig, material: Material) -> list[SceneRecord] | None:
-    """The scenes of `trajectories=`, each one fit to be evaluated; None for a built-in task."""
+def _pictures(config: DictConfig, outcomes: Outcomes, material: Material, output: Path) -> list[Path]:
+    if config.task.name == "outside_range":
+        title = f"{material.name}, law {Path(str(config.law)).name}"
+        return leave_map(outcomes, material, title, output.parent, output.stem)
+    return leave_pictures(survived(outcomes), output.parent, output.stem)
+
+
+def _file_records(config: DictConfig, material: Material) -> list[SceneRecord]:
+    """The scenes of `trajectories=`, each one fit to be evaluated."""
     path = config.trajectories
-    if config.task.name != "file":
-        if path is not None:
-            raise UserError(f"trajectories={path} does not go with task={config.task.name}; accepted: one of the two")
-        return None
     if not isinstance(path, str) or not path:
         raise UserError(
             f"trajectories={path or 'null'} is not accepted; accepted: the path of a trajectory file, or task=unseen"
@@ -131,13 +162,17 @@ def _progress(what: str, steps: int) -> Iterator[Callable[[int], None]]:
         yield lambda done: progress.advance(task, done)
 
 
-def _print_table(config: DictConfig, results: Sequence[SceneResult], material: Material) -> None:
+def _print_table(config: DictConfig, outcomes: Outcomes, material: Material) -> None:
     source = Path(config.trajectories).name if config.trajectories else f"task {config.task.name}"
     published = paper_errors(material) if config.task.name == "unseen" else {}
     console = Console()
     if not console.is_terminal:
         console = Console(width=PLAIN_WIDTH)
-    console.print(results_table(results, f"{material.name}, law {config.law}, {source}", published=published))
+    console.print(results_table(outcomes, f"{material.name}, law {config.law}, {source}", published=published))
+
+
+def _in_words(mse: float | None) -> str:
+    return "diverged" if mse is None else f"{mse:.1e} m^2"
 
 
 def main() -> None:

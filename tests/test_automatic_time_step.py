@@ -12,7 +12,8 @@ from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import start_of
 from pcnclaws.evaluate import evaluate
-from pcnclaws.evaluation.tasks import evaluate_records, in_automatic_time_step, steps_to_run
+from pcnclaws.evaluation.frames import in_automatic_time_step
+from pcnclaws.evaluation.tasks import evaluate_records, steps_to_run
 from pcnclaws.laws.materials import MATERIALS, analytic_laws
 from pcnclaws.time_step import COMFORTABLE_CFL, largest_speed, scene_cfl
 

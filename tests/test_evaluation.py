@@ -13,7 +13,7 @@ from rich.console import Console
 
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import SimulationDiverged, UserError
-from pcnclaws.evaluation.builtin import builtin_starts, paper_errors
+from pcnclaws.evaluation.builtin import builtin_task, paper_errors
 from pcnclaws.evaluation.gallery import leave_pictures
 from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import metrics, results_table, write_metrics
@@ -155,9 +155,9 @@ def test_the_gallery_keeps_strange_scene_names_out_of_file_names(records: list[S
 
 def test_unseen_are_the_papers_objects_and_reconstruction_the_training_scenes() -> None:
     sand = MATERIALS["sand"]
-    unseen = {start.name: dict(start.parameters) for start in builtin_starts("unseen", sand)}
+    unseen = {start.name: dict(start.parameters) for start in builtin_task("unseen", sand).starts}
     assert set(paper_errors(sand)) < set(unseen)
     assert {"youngs_modulus": 3.7e5, "poissons_ratio": 0.18, "friction_angle": 30.0} in unseen.values()
-    assert len(builtin_starts("reconstruction", sand)) >= 12
+    assert len(builtin_task("reconstruction", sand).starts) >= 12
     with pytest.raises(UserError, match="did you mean 'unseen'"):
-        builtin_starts("unsen", sand)
+        builtin_task("unsen", sand)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from recordings import hand_written, recording, written
 
+from pcnclaws.data.bodies import BODIES
 from pcnclaws.data.shapes import particles, read_point_file, spin_velocity
 from pcnclaws.errors import UserError
 
@@ -32,6 +33,41 @@ def test_the_sphere_has_its_exact_volume_and_lies_in_it() -> None:
     np.testing.assert_allclose(sphere.position.mean(0), [0.4, 0.5, 0.6], atol=1e-12)
 
 
+VOLUMES = {
+    "torus": 2.0 * math.pi**2 * 0.35 * 0.15**2,
+    "star": 5.0 * 0.5 * 0.25 * math.sin(math.pi / 5.0) * 0.4,
+    "twisted_bar": 0.4**2,
+    "hollow_box": 1.0 - 0.6**3,
+}
+
+
+@pytest.mark.parametrize(("shape", "volume"), VOLUMES.items())
+def test_bodies_have_their_volume_in_equal_shares(shape: str, volume: float) -> None:
+    body = particles(shape, side=0.5, particles_per_edge=20)
+    assert body.volume.sum() == pytest.approx(volume * 0.5**3, rel=5e-3)
+    assert np.ptp(body.volume) == 0.0
+    assert body.volume[0] == pytest.approx((0.5 / 20) ** 3, rel=0.05), "a particle stands for its cell of the lattice"
+
+
+@pytest.mark.parametrize("shape", sorted(BODIES))
+def test_bodies_lie_in_their_box_and_are_as_symmetric_as_they_look(shape: str) -> None:
+    body = particles(shape, centre=(0.4, 0.5, 0.6), side=0.6, particles_per_edge=20)
+    offset = body.position - [0.4, 0.5, 0.6]
+    assert np.abs(offset).max() < 0.3
+    assert len(np.unique(body.position, axis=0)) == len(body.position) > 500
+    np.testing.assert_allclose(offset.mean(0)[[0, 2]], 0.0, atol=1e-9)
+    mirrored = offset * [1.0, 1.0, -1.0] if shape != "twisted_bar" else offset * [-1.0, 1.0, -1.0]
+    assert {*map(tuple, mirrored.round(6))} == {*map(tuple, offset.round(6))}
+
+
+def test_holes_are_empty_and_spikes_stand_out() -> None:
+    for shape in ("torus", "hollow_box"):
+        hole = np.linalg.norm(particles(shape, particles_per_edge=20).position - 0.5, axis=1)
+        assert hole.min() > 0.09, shape
+    spikes = np.linalg.norm(particles("spiky_sphere", side=1.0, particles_per_edge=40).position - 0.5, axis=1)
+    assert 0.0 < (spikes > 0.4).mean() < 0.03, "twelve thin tips"
+
+
 def test_spin_is_a_rigid_rotation_about_the_centre() -> None:
     cube = particles(particles_per_edge=3)
     velocity = spin_velocity(cube.position, cube.velocity + np.array((1.0, 0.0, 0.0)), (0, 0, 2))
@@ -51,6 +87,7 @@ def test_spin_is_a_rigid_rotation_about_the_centre() -> None:
         {"particles_per_edge": 1},
         {"particles_per_edge": 10**6},
         {"shape": "sphere", "particles_per_edge": 2},
+        {"shape": "torus", "particles_per_edge": 7},
     ],
 )
 def test_nonsense_shapes_are_refused(options: dict[str, Any]) -> None:

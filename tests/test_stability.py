@@ -14,7 +14,6 @@ from pcnclaws.backend import using_backend
 from pcnclaws.benchmark import benchmark
 from pcnclaws.benchmarking import stability
 from pcnclaws.benchmarking.context import BenchmarkContext
-from pcnclaws.benchmarking.energy import potential_energy, scene_energy
 from pcnclaws.benchmarking.stability_limits import limits_of, single_particle_limit
 from pcnclaws.benchmarking.stability_report import KINDS, kinds_of
 from pcnclaws.benchmarking.survival import DIVERGED, GAINS_ENERGY, STABLE, Batch, fates, scene_start
@@ -22,6 +21,7 @@ from pcnclaws.benchmarking.yardstick import Yardstick
 from pcnclaws.composition import compose_config
 from pcnclaws.data.scenes import SceneStart, batch_scenes, simulator_of
 from pcnclaws.errors import UserError
+from pcnclaws.evaluation.energy import potential_energy, scene_energy
 from pcnclaws.laws.materials import MATERIALS, analytic_laws
 from pcnclaws.laws.parameters import compression_wave_speed
 from pcnclaws.mpm.settings import SimulationSettings

@@ -12,10 +12,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pcnclaws.benchmarking.energy import potential_energy, scene_energy
 from pcnclaws.benchmarking.lattices import Box, filled
 from pcnclaws.data.scenes import SceneBatch, SceneStart, batch_scenes, simulator_of
 from pcnclaws.data.shapes import spin_velocity
+from pcnclaws.evaluation.energy import potential_energy, scene_energy
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.materials import analytic_laws, material_named
 from pcnclaws.mpm.diagnostics import failing_particles

@@ -1,4 +1,4 @@
-"""Bodies as particles: a cube, a sphere, or whatever a point file holds. Particle-first, double precision."""
+"""Bodies as particles: a named shape, or whatever a point file holds. Particle-first, double precision."""
 
 import math
 import zipfile
@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from pcnclaws.data.bodies import BODIES, FEWEST_PER_EDGE, filled_body, volume_fraction
 from pcnclaws.data.hdf5 import read_scenes, scene_names
 from pcnclaws.data.records import LARGEST_VOLUME
 from pcnclaws.errors import UserError, unknown_name
 
-SHAPES = ("cube", "sphere")
+SHAPES = ("cube", "sphere", *BODIES)
 POINT_FILES = (".npz", ".h5", ".hdf5")
 MAXIMUM_PARTICLES_PER_EDGE = 200
 MAXIMUM_POINT_FILE_BYTES = 4 * 1024**3
@@ -45,19 +46,14 @@ def particles(
 ) -> PointCloud:
     """A shape at rest, filled with a uniform lattice of particles of equal volume.
 
-    shape   'cube': the lattice includes the faces; 'sphere': the points of the cube's lattice that lie in the sphere
-    centre  [m]
-    side    edge of the cube, diameter of the sphere [m]
+    shape   'cube': the lattice includes the faces; 'sphere': the points of the cube's lattice that lie in the sphere;
+            one of BODIES: the centres of cells of the box that lie in the body
+    centre  of the shape's box [m]
+    side    edge of the cube, diameter of the sphere, edge of the box that a body is defined in [m]
     raises  UserError
     """
     _check_shape(shape, centre, side, particles_per_edge)
-    along = np.linspace(-0.5, 0.5, particles_per_edge)
-    lattice = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3)
-    fraction = 1.0
-    if shape == "sphere":
-        # the tolerance keeps points that lie on the sphere but for rounding
-        lattice = lattice[np.square(lattice).sum(1) <= 0.25 * (1.0 + 1e-9)]
-        fraction = math.pi / 6.0
+    lattice, fraction = _unit_lattice(shape, particles_per_edge)
     count = len(lattice)
     position = np.asarray(centre, dtype=np.float64) + side * lattice
     return PointCloud(position, np.zeros_like(position), np.full(count, fraction * side**3 / count))
@@ -92,6 +88,18 @@ def read_point_file(path: str | Path, name: str | None = None) -> PointCloud:
     return _read_npz(path) if path.suffix.lower() == ".npz" else _first_frame(path, name)
 
 
+def _unit_lattice(shape: str, per_edge: int) -> tuple[Float[np.ndarray, "particles 3"], float]:
+    """The points of a shape of side 1 about the origin, and its volume."""
+    if shape in BODIES:
+        return filled_body(shape, per_edge), volume_fraction(shape)
+    along = np.linspace(-0.5, 0.5, per_edge)
+    lattice = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3)
+    if shape == "cube":
+        return lattice, 1.0
+    # the tolerance keeps points that lie on the sphere but for rounding
+    return lattice[np.square(lattice).sum(1) <= 0.25 * (1.0 + 1e-9)], math.pi / 6.0
+
+
 def _check_shape(shape: str, centre: Sequence[float | int], side: float | int, particles_per_edge: int) -> None:
     if shape not in SHAPES:
         raise unknown_name("scene.shape", shape, SHAPES)
@@ -104,8 +112,12 @@ def _check_shape(shape: str, centre: Sequence[float | int], side: float | int, p
             f"scene.particles_per_edge={particles_per_edge} is not accepted; "
             f"accepted: a whole number from 2 to {MAXIMUM_PARTICLES_PER_EDGE}"
         )
-    if shape == "sphere" and particles_per_edge < 3:
-        raise UserError(f"scene.particles_per_edge={particles_per_edge} is too coarse for a sphere; accepted: from 3")
+    fewest = FEWEST_PER_EDGE if shape in BODIES else 3 if shape == "sphere" else 2
+    if particles_per_edge < fewest:
+        raise UserError(
+            f"scene.particles_per_edge={particles_per_edge} is too coarse for scene.shape={shape}; "
+            f"accepted: from {fewest}"
+        )
 
 
 def _first_frame(path: Path, name: str | None) -> PointCloud:

@@ -1,49 +1,164 @@
-"""The built-in tasks: scenes that everybody has without a file, in the paper's setting."""
+"""The built-in tasks: scenes that everybody has without a file, and how their true motion is recorded."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
+import numpy as np
 import torch
 
+from pcnclaws.data.placement import require_inside
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.reference_objects import reference_objects
-from pcnclaws.data.sampling import DataSetPlan, planned_scenes
-from pcnclaws.data.scenes import SceneStart, simulate_records
+from pcnclaws.data.sampling import DataSetPlan, Motion, draw_motions, planned_scenes
+from pcnclaws.data.scenes import SceneStart, group_by_settings, simulate_records
+from pcnclaws.data.shapes import PointCloud, particles, spin_velocity
 from pcnclaws.errors import unknown_name
+from pcnclaws.evaluation.divergence import DivergedScene, survivors
+from pcnclaws.evaluation.parameter_map import map_settings, map_starts
 from pcnclaws.laws.materials import Material, analytic_laws
+from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.skips import Skips
 
-# Task -> split of the material's standard data set.
-SPLITS = {"reconstruction": "train", "unseen": "test"}
+# Shape -> edge of its box [m] and particles along it: 3 to 8 particles a cell, 1000 to 3000 in all.
+GEOMETRIES = {
+    "sphere": (0.5, 16),
+    "torus": (0.6, 20),
+    "star": (0.6, 20),
+    "twisted_bar": (0.6, 20),
+    "hollow_box": (0.5, 15),
+    "spiky_sphere": (0.6, 24),
+}
+# Seeds of motions that reach a wall in the first half of the time.
+GEOMETRY_SEED, MOTION_SEED = (0, 7), (0, 3)
+MOTION_SCENES = 6
+# 4 m/s and 6 rad/s: faster than any motion of the training data.
+FAST_MOTIONS = (
+    Motion(np.array((8.0, -4.0, 8.0)) / 3.0, np.array((4.0, 4.0, 2.0))),
+    Motion(np.array((-4.0, -8.0, 8.0)) / 3.0, np.array((2.0, -4.0, 4.0))),
+)
 
 
-def builtin_starts(task: str, material: Material) -> list[SceneStart]:
-    """The scenes of a built-in task; UserError for an unknown one."""
-    if task not in SPLITS:
-        raise unknown_name("task", task, ["file", *SPLITS])
-    return planned_scenes(DataSetPlan(material))[SPLITS[task]]
+@dataclass(frozen=True)
+class BuiltinTask:
+    """The scenes of a task and how they are recorded.
+
+    steps, every, keyframe_every  length of the motion and distances of its frames and full states [steps]
+    may_diverge                   a scene that diverges is a result and does not end the evaluation
+    """
+
+    starts: Sequence[SceneStart]
+    steps: int
+    every: int
+    keyframe_every: int
+    may_diverge: bool = False
+
+    @property
+    def work(self) -> int:
+        """What true_records reports to its `progress` in all."""
+        return len(self.starts) if self.may_diverge else self.steps * len(group_by_settings(self.starts))
+
+
+def builtin_task(name: str, material: Material) -> BuiltinTask:
+    """The built-in task of that name; UserError for an unknown one."""
+    if name not in TASKS:
+        raise unknown_name("task", name, ["file", *TASKS])
+    return TASKS[name](material)
 
 
 def true_records(
-    starts: list[SceneStart],
+    task: BuiltinTask,
     material: Material,
     device: str | torch.device = "cpu",
     progress: Callable[[int], None] | None = None,
     skips: Skips | None = None,
-) -> list[SceneRecord]:
+) -> list[SceneRecord | DivergedScene]:
     """The scenes' true motion, by the analytic laws in single precision, as the standard data set records it.
 
-    progress  called with the number of steps just done, of `steps_of_truth(material)` in all
+    progress  called with the work just done, steps or scenes, of `task.work` in all
+    raises    SimulationDiverged where the task does not take that for a result
     """
-    plan = DataSetPlan(material)
-    recorded = (plan.steps, plan.every, plan.keyframe_every)
-    return simulate_records(starts, analytic_laws(material), *recorded, device=device, progress=progress, skips=skips)
-
-
-def steps_of_truth(material: Material) -> int:
-    """Number of steps that true_records reports to its `progress` in all."""
-    return DataSetPlan(material).steps
+    recorded = (analytic_laws(material), task.steps, task.every, task.keyframe_every, torch.float32, device)
+    if task.may_diverge:
+        return survivors(task.starts, lambda starts: simulate_records(starts, *recorded, None, skips), progress)
+    return [*simulate_records(task.starts, *recorded, progress, skips)]
 
 
 def paper_errors(material: Material) -> dict[str, float]:
     """The paper's error [m^2] on those reference objects for which it gives one, by scene name."""
     return {thing.name: thing.paper_mse for thing in reference_objects(material.name) if thing.paper_mse is not None}
+
+
+def _reconstruction(material: Material) -> BuiltinTask:
+    return _of_plan(DataSetPlan(material), "train")
+
+
+def _unseen(material: Material) -> BuiltinTask:
+    return _of_plan(DataSetPlan(material), "test")
+
+
+def _long_term(material: Material) -> BuiltinTask:
+    return _of_plan(DataSetPlan(material, steps=1000), "train")
+
+
+def _resolution(material: Material) -> BuiltinTask:
+    """Finer grid, shorter steps and more particles; frames at the same times as in the standard data set."""
+    finer = SimulationSettings(time_step=2.5e-4, grid_nodes=32)
+    body = particles(particles_per_edge=16)
+    return _of_plan(DataSetPlan(material, finer, body, steps=1000, every=10, keyframe_every=40), "test")
+
+
+def _geometry(material: Material) -> BuiltinTask:
+    """Shapes that are not cubes, with parameters of training scenes."""
+    plan = DataSetPlan(material)
+    scenes = zip(GEOMETRIES.items(), _training(plan), draw_motions(len(GEOMETRIES), GEOMETRY_SEED), strict=False)
+    starts = [
+        _start(shape, known, particles(shape, side=side, particles_per_edge=edge), motion)
+        for (shape, (side, edge)), known, motion in scenes
+    ]
+    return BuiltinTask(starts, plan.steps, plan.every, plan.keyframe_every)
+
+
+def _unseen_motion(material: Material) -> BuiltinTask:
+    """Parameters of training scenes, thrown as none of these was; the last two faster than any."""
+    plan = DataSetPlan(material)
+    motions = [*draw_motions(MOTION_SCENES - len(FAST_MOTIONS), MOTION_SEED), *FAST_MOTIONS]
+    starts = [
+        _start(f"motion-{number:02d}", known, plan.body, motion)
+        for number, (known, motion) in enumerate(zip(_training(plan), motions, strict=False))
+    ]
+    return BuiltinTask(starts, plan.steps, plan.every, plan.keyframe_every)
+
+
+def _outside_range(material: Material) -> BuiltinTask:
+    """The map of parameters, with frames at the same times as in the standard data set."""
+    plan = DataSetPlan(material)
+    settings = map_settings(material, plan)
+    finer = round(plan.settings.time_step / settings.time_step)
+    lengths = (finer * steps for steps in (plan.steps, plan.every, plan.keyframe_every))
+    return BuiltinTask(map_starts(material, plan, settings), *lengths, may_diverge=True)
+
+
+def _of_plan(plan: DataSetPlan, split: str) -> BuiltinTask:
+    return BuiltinTask(planned_scenes(plan)[split], plan.steps, plan.every, plan.keyframe_every)
+
+
+def _training(plan: DataSetPlan) -> list[SceneStart]:
+    return planned_scenes(plan)["train"]
+
+
+def _start(name: str, known: SceneStart, body: PointCloud, motion: Motion) -> SceneStart:
+    """A scene with the parameters of a known one, another body or another motion."""
+    require_inside(body.position, known.settings, f"scene '{name}'")
+    velocity = spin_velocity(body.position, body.velocity + motion.velocity, motion.spin.tolist())
+    return SceneStart(name, known.material, known.settings, known.parameters, body.position, velocity, body.volume)
+
+
+TASKS: dict[str, Callable[[Material], BuiltinTask]] = {
+    "reconstruction": _reconstruction,
+    "unseen": _unseen,
+    "long_term": _long_term,
+    "geometry": _geometry,
+    "unseen_motion": _unseen_motion,
+    "resolution": _resolution,
+    "outside_range": _outside_range,
+}

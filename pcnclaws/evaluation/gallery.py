@@ -3,9 +3,13 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from pcnclaws.evaluation.parameter_map import error_maps
+from pcnclaws.evaluation.report import Outcomes, survived
 from pcnclaws.evaluation.tasks import SceneResult
+from pcnclaws.laws.materials import Material
 from pcnclaws.rendering.animation import animation
 from pcnclaws.rendering.curves import ErrorCurve, error_over_time
+from pcnclaws.rendering.maps import error_map
 from pcnclaws.rendering.pictures import predicted_beside_true
 
 MOST_SHEETS = 6
@@ -28,6 +32,22 @@ def leave_pictures(
         return [*sheets, curves]
     first = results[0]
     return [*sheets, curves, animation(first.true, first.predicted, folder / f"{stem}_{_safe(first.name)}.gif")]
+
+
+def leave_map(outcomes: Outcomes, material: Material, title: str, folder: Path, stem: str) -> list[Path]:
+    """Pictures of the map of parameters: the errors of all its scenes, and the worst scene, true and predicted.
+
+    returns  <folder>/<stem>_map.png, <stem>_<worst scene>.png
+    """
+    mse: dict[str, float | None] = dict.fromkeys(outcome.name for outcome in outcomes)
+    results = survived(outcomes)
+    mse |= {result.name: result.mse for result in results}
+    sheets = [error_map(error_maps(material, mse), folder / f"{stem}_map.png", title)]
+    if results:
+        worst = max(results, key=lambda result: result.mse)
+        picture = folder / f"{stem}_{_safe(worst.name)}.png"
+        sheets.append(predicted_beside_true(worst.true, worst.predicted, picture))
+    return sheets
 
 
 def _curves(results: Sequence[SceneResult]) -> list[ErrorCurve]:

@@ -13,13 +13,17 @@ from rich.markup import escape
 from rich.table import Table
 
 from pcnclaws.data.atomic import replaced_file
+from pcnclaws.evaluation.divergence import DivergedScene
 from pcnclaws.evaluation.tasks import SceneResult, mean_mse
+
+Outcomes = Sequence[SceneResult | DivergedScene]
 
 UNITS = {
     "mse": "m^2, mean over particles, coordinates and the compared frames, the first one included",
     "mse_sum": "m^2, the same with the coordinates summed",
     "rms_percent": "root of mse_sum in percent of the object's size (cube root of its initial volume)",
     "stress_error": "sum |tau - tau_true| / sum |tau_true| at the recorded states after contact",
+    "energy_error": "max |E - E_true| / max (kinetic + elastic energy of the true motion), over the keyframes",
 }
 # Header of a parameter's column and the factor from SI units.
 SHORT = {
@@ -30,22 +34,32 @@ SHORT = {
 }
 
 LONGEST_NAME = 24
+# Of more scenes than this, a table shows only the worst ones.
+LONGEST_TABLE, WORST = 40, 10
 
 
-def metrics(results: Sequence[SceneResult]) -> dict[str, Any]:
+def metrics(outcomes: Outcomes) -> dict[str, Any]:
     """Errors of the scenes and their means, as plain values for a JSON file.
 
-    {"mse", "mse_sum", "rms_percent", "stress_error", "scenes": [{"name", "parameters", ...}], "units"}; null where
-    a value does not exist
+    {"mse", "mse_sum", "rms_percent", "stress_error", "energy_error", "scenes": [{"name", "parameters", ...}], "units"};
+    null where a value does not exist. A scene that diverged has no errors but "diverged", which says how; the means
+    are those of the others.
     """
+    results = survived(outcomes)
     return {
         "mse": mean_mse(results),
-        "mse_sum": float(np.mean([result.mse_sum for result in results])),
-        "rms_percent": float(np.mean([result.rms_percent for result in results])),
+        "mse_sum": _mean_if_any([result.mse_sum for result in results]),
+        "rms_percent": _mean_if_any([result.rms_percent for result in results]),
         "stress_error": _mean_if_any([result.stress_error for result in results]),
-        "scenes": [_scene_metrics(result) for result in results],
+        "energy_error": _mean_if_any([result.energy_error for result in results]),
+        "scenes": [_scene_metrics(outcome) for outcome in outcomes],
         "units": UNITS,
     }
+
+
+def survived(outcomes: Outcomes) -> list[SceneResult]:
+    """The scenes that did not diverge."""
+    return [outcome for outcome in outcomes if isinstance(outcome, SceneResult)]
 
 
 def write_metrics(path: Path, values: Mapping[str, Any]) -> Path:
@@ -57,19 +71,20 @@ def write_metrics(path: Path, values: Mapping[str, Any]) -> Path:
 
 
 def results_table(
-    results: Sequence[SceneResult],
+    outcomes: Outcomes,
     title: str = "",
     before: Sequence[SceneResult] = (),
     published: Mapping[str, float] | None = None,
 ) -> Table:
-    """One line a scene and the mean.
+    """One line a scene and the mean; of many scenes, only the worst ones.
 
     before     the same scenes before training, for a column beside
     published  mse [m^2] of the paper by scene name, for another one
     """
-    names = list(results[0].parameters)
+    names = list(outcomes[0].parameters)
     table = Table(title=escape(title) or None, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("scene", overflow="fold", min_width=min(LONGEST_NAME, max(len(result.name) for result in results)))
+    shown = _worst(outcomes)
+    table.add_column("scene", overflow="fold", min_width=min(LONGEST_NAME, max(len(result.name) for result in shown)))
     for header in (
         *(_header(name) for name in names),
         "MSE [m^2]",
@@ -77,17 +92,32 @@ def results_table(
         *(["paper"] if published else []),
         "RMS [% of size]",
         "stress error",
+        "energy error",
     ):
         table.add_column(escape(header), justify="right", min_width=max(map(len, header.split())))
     earlier = {result.name: result.mse for result in before}
-    for result in results:
+    for result in shown:
         beside = [earlier.get(result.name)] * bool(before) + [(published or {}).get(result.name)] * bool(published)
         values = (f"{result.parameters[name] * SHORT.get(name, (name, 1.0))[1]:.4g}" for name in names)
         table.add_row(escape(result.name), *values, *_errors(_scene_metrics(result), beside))
     table.add_section()
     beside = [_mean_if_any(list(earlier.values()))] * bool(before) + [None] * bool(published)
-    table.add_row("mean", *[""] * len(names), *_errors(metrics(results), beside))
+    table.add_row(_mean_label(outcomes), *[""] * len(names), *_errors(metrics(outcomes), beside))
     return table
+
+
+def _worst(outcomes: Outcomes) -> Outcomes:
+    """All outcomes of a short list; of a long one, the results with the largest errors."""
+    if len(outcomes) <= LONGEST_TABLE:
+        return outcomes
+    worst = sorted(survived(outcomes), key=lambda result: result.mse, reverse=True)
+    return worst[:WORST] or outcomes[:WORST]
+
+
+def _mean_label(outcomes: Outcomes) -> str:
+    diverged = len(outcomes) - len(survived(outcomes))
+    count = f" of {len(outcomes)}" if len(outcomes) > LONGEST_TABLE else ""
+    return f"mean{count}" + (f", {diverged} diverged" if diverged else "")
 
 
 def _header(name: str) -> str:
@@ -96,25 +126,29 @@ def _header(name: str) -> str:
 
 def _errors(values: Mapping[str, Any], beside: Sequence[float | None]) -> list[str]:
     """The cells of one line that hold errors; `beside` are other values of the MSE."""
-    errors = [_number(value) for value in (values["mse"], *beside)]
-    return [*errors, f"{values['rms_percent']:.2g}", _number(values["stress_error"])]
+    mse = "diverged" if "diverged" in values else _number(values["mse"])
+    percent = values["rms_percent"]
+    return [
+        mse,
+        *map(_number, beside),
+        "-" if percent is None else f"{percent:.2g}",
+        _number(values["stress_error"]),
+        _number(values["energy_error"]),
+    ]
 
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.1e}"
 
 
-def _scene_metrics(result: SceneResult) -> dict[str, Any]:
-    return {
-        "name": result.name,
-        "parameters": dict(result.parameters),
-        "mse": result.mse,
-        "mse_sum": result.mse_sum,
-        "rms_percent": result.rms_percent,
-        "stress_error": result.stress_error,
-        "time": result.time.tolist(),
-        "mse_by_frame": result.mse_by_frame.tolist(),
-    }
+def _scene_metrics(outcome: SceneResult | DivergedScene) -> dict[str, Any]:
+    """Name, parameters and errors of a scene; of a diverged one, none and why."""
+    errors = ("mse", "mse_sum", "rms_percent", "stress_error", "energy_error")
+    values = {"name": outcome.name, "parameters": dict(outcome.parameters)}
+    if isinstance(outcome, DivergedScene):
+        return values | dict.fromkeys(errors) | {"diverged": outcome.message}
+    curve = {"time": outcome.time.tolist(), "mse_by_frame": outcome.mse_by_frame.tolist()}
+    return values | {error: getattr(outcome, error) for error in errors} | curve
 
 
 def _numbers_on_one_line(text: str) -> str:

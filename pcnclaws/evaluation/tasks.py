@@ -1,6 +1,5 @@
 """Evaluates laws: simulates recorded scenes from their first frames and measures how far the motion is off."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -8,14 +7,15 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from pcnclaws.data.records import TIME_TOLERANCE, SceneRecord
+from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import SceneStart, group_by_settings, simulate_records, start_of
 from pcnclaws.errors import UserError
+from pcnclaws.evaluation.energy import energy_error
+from pcnclaws.evaluation.frames import at_frames_of, step_plans
 from pcnclaws.evaluation.stress import stress_error
 from pcnclaws.laws.materials import Laws, Material, analytic_laws, material_named
 from pcnclaws.metrics import mse_sum, position_mse, position_mse_by_frame, rms_percent
 from pcnclaws.skips import Skips
-from pcnclaws.time_step import automatic_time_step, largest_speed
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class SceneResult:
     rms_percent   root of mse_sum in percent of the object's size
     mse_by_frame  [m^2], (frames,)
     stress_error  relative stress error [-] at the recorded states after contact, None without such states
+    energy_error  largest error of the total energy [-] at the keyframes, None without keyframes
     predicted     what the law gives, at the times of the true record
     """
 
@@ -37,6 +38,7 @@ class SceneResult:
     rms_percent: float
     mse_by_frame: Float[np.ndarray, " frames"]
     stress_error: float | None
+    energy_error: float | None = None
 
     @property
     def name(self) -> str:
@@ -72,38 +74,24 @@ def evaluate_records(
     material = _material_of(records)
     starts = [_start(record, material) for record in records]
     predicted: dict[int, SceneRecord] = {}
-    for (steps, every), members in _plans(records).items():
+    for plan, members in step_plans(records).items():
         group = [starts[index] for index in members]
-        runs = simulate_records(group, laws, steps, every, 0, dtype, device, progress, skips)
+        runs = simulate_records(group, laws, *plan, dtype, device, progress, skips)
         for index, run in zip(members, runs, strict=True):
-            predicted[index] = _at_frames_of(records[index], run.position, every)
+            predicted[index] = at_frames_of(records[index], run, plan.every)
     analytic = analytic_laws(material)
     return [_compared(record, predicted[index], laws, analytic) for index, record in enumerate(records)]
 
 
 def steps_to_run(records: Sequence[SceneRecord]) -> int:
     """Number of steps that evaluate_records reports to its `progress` in all."""
-    groups = {plan: [records[index] for index in members] for plan, members in _plans(records).items()}
-    return sum(steps * len(group_by_settings(group)) for (steps, _), group in groups.items())
+    groups = {plan: [records[index] for index in members] for plan, members in step_plans(records).items()}
+    return sum(plan.steps * len(group_by_settings(group)) for plan, group in groups.items())
 
 
-def in_automatic_time_step(record: SceneRecord) -> SceneRecord:
-    """The record with the settings of a time step of its own: the longest of CFL number 0.4 that meets its frames.
-
-    Where the frames lie between the steps of the record anyway, the longest of all.
-    """
-    start, places = start_of(record), _places(record)
-    speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
-    step = automatic_time_step(start.settings, start.parameters, speed)
-    if places[-1] > 0.0 and (places == np.rint(places)).all():
-        spacing = math.gcd(*places.astype(np.int64).tolist()) * record.settings.time_step
-        step = spacing / math.ceil(spacing / step)
-    return replace(record, settings=replace(record.settings, time_step=step))
-
-
-def mean_mse(results: Sequence[SceneResult]) -> float:
-    """Mean of the scenes' MSE [m^2]."""
-    return float(np.mean([result.mse for result in results]))
+def mean_mse(results: Sequence[SceneResult]) -> float | None:
+    """Mean of the scenes' MSE [m^2], None without scenes."""
+    return float(np.mean([result.mse for result in results])) if results else None
 
 
 def require_material(records: Sequence[SceneRecord], material: Material) -> None:
@@ -130,34 +118,6 @@ def _start(record: SceneRecord, material: Material) -> SceneStart:
     return replace(start, parameters={name: start.parameters[name] for name in material.parameter_names})
 
 
-def _places(record: SceneRecord) -> Float[np.ndarray, " frames"]:
-    """Where the frames lie, in steps after the first one; whole numbers if all are, but for rounded times."""
-    places = (record.time - record.time[0]) / record.settings.time_step
-    whole = np.rint(places)
-    return whole if np.abs(places - whole).max() <= TIME_TOLERANCE else places
-
-
-def _plans(records: Sequence[SceneRecord]) -> dict[tuple[int, int], list[int]]:
-    """(steps to simulate, steps between kept frames) -> indices of the records for which it is right."""
-    plans: dict[tuple[int, int], list[int]] = {}
-    for index, record in enumerate(records):
-        places = _places(record)
-        whole = bool((places == np.rint(places)).all())
-        every = math.gcd(*places.astype(np.int64).tolist()) if whole else 1
-        plans.setdefault((math.ceil(places[-1]), max(every, 1)), []).append(index)
-    return plans
-
-
-def _at_frames_of(record: SceneRecord, position: Float[np.ndarray, "kept particles 3"], every: int) -> SceneRecord:
-    """The simulated positions, kept every `every` steps, as a record with the frames of the given one."""
-    place = _places(record) / every
-    below = np.floor(place).astype(np.int64)
-    above = np.minimum(below + 1, len(position) - 1)
-    share = (place - below).astype(np.float32)[:, None, None]
-    at_frames = np.where(share > 0.0, (1.0 - share) * position[below] + share * position[above], position[below])
-    return replace(record, position=at_frames.astype(np.float32), velocity=None, keyframes=None)
-
-
 def _compared(true: SceneRecord, predicted: SceneRecord, laws: Laws, analytic: Laws) -> SceneResult:
     mse = position_mse(predicted.position, true.position)
     summed = mse_sum(mse)
@@ -169,4 +129,5 @@ def _compared(true: SceneRecord, predicted: SceneRecord, laws: Laws, analytic: L
         rms_percent(summed, true.volume),
         position_mse_by_frame(predicted.position, true.position),
         stress_error(true, laws, analytic),
+        energy_error(true, predicted, analytic.elasticity),
     )

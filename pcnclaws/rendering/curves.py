@@ -14,7 +14,7 @@ from pcnclaws.data.atomic import replaced_file
 
 DPI = 150
 LOWEST_SHOWN = 1e-9
-COLOURS = tuple(TABLEAU_COLORS.values())
+COLOURS = (*TABLEAU_COLORS.values(), "black", "navy")  # one for each of twelve scenes
 
 
 class ErrorCurve(NamedTuple):

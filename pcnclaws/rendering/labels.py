@@ -20,3 +20,9 @@ def material_label(material: str, parameters: Mapping[str, float]) -> str:
         symbol, scale, unit = _SHORT.get(name, (name, 1.0, ""))
         words.append(f"{symbol} {value * scale:.3g}{unit}")
     return ", ".join(words)
+
+
+def axis_label(name: str) -> tuple[str, float]:
+    """Symbol and unit of a parameter for the axis of a picture, and the factor from SI units to that one."""
+    symbol, scale, unit = _SHORT.get(name, (name, 1.0, ""))
+    return (f"{symbol} [{unit.strip()}]" if unit else symbol), scale
