@@ -17,7 +17,7 @@ constexpr int TOGETHER = 4;     // groups whose principal axes are found in step
 constexpr int64_t TASK = 1024;  // particles of one task: the sum over tasks does not depend on the number of threads
 constexpr int MOST_ROWS = 8;    // of per-particle parameters
 
-// Eight particles of one row of a component-first array; beyond the end the last particle is repeated.
+// L particles of one row of a component-first array; beyond the end the last particle is repeated.
 template <class T> V load(const T* row, int64_t first, int64_t end) {
     typedef T Part __attribute__((vector_size(L * sizeof(T))));
     Part part;

@@ -39,7 +39,7 @@ void product_tile(const T* x, int row, int step, const T* w, int w_row, int coun
 }
 
 // The whole product: `rows` a multiple of ROWS, `columns` a multiple of the lanes.
-constexpr int ROWS = 8;
+constexpr int ROWS = BYTES == 64 ? 8 : 4;  // the sums of a tile stay in registers: 32 of 64 bytes, or 16 narrower ones
 template <class T>
 void product(int rows, int columns, int count, const T* x, int row, int step, const T* w, const T* start, int start_row,
              T* y) {
@@ -152,14 +152,15 @@ template <class T> struct NetworkBlock {
         }
     }
 
-    // Component k of eight particles of a layer's array (unit, gradient).
+    // Component k of L particles of a layer's array (unit, gradient).
     V get(const std::vector<T> (&array)[LAYERS + 1], int layer, int first, int k) const {
         const int stride = weights.padded[layer];
         const T* at = array[layer].data() + size_t(first) * stride + k;
         // from registers: a vector that is loaded from places just written one by one has to wait for them
         typedef T Part __attribute__((vector_size(L * sizeof(T))));
-        const Part part = {at[0],          at[stride],     at[2 * stride], at[3 * stride],
-                           at[4 * stride], at[5 * stride], at[6 * stride], at[7 * stride]};
+        Part part;
+#pragma GCC unroll 8
+        for (int l = 0; l < L; l++) part[l] = at[l * stride];
         return __builtin_convertvector(part, V);
     }
     void put(std::vector<T> (&array)[LAYERS + 1], int layer, int first, int k, V values) {

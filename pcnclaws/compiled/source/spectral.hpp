@@ -1,4 +1,4 @@
-// Principal stretches and axes of eight deformation gradients at once.
+// Principal stretches and axes of several deformation gradients at once.
 #pragma once
 #include "lanes.hpp"
 
