@@ -86,7 +86,11 @@ def _regime(config: DictConfig) -> type[ConstitutiveModule]:
 
 def _optimiser(config: DictConfig) -> OptimiserSettings:
     clip = config.training.gradient_clip
-    return OptimiserSettings(float(config.training.learning_rate), gradient_clip=None if clip is None else float(clip))
+    return OptimiserSettings(
+        float(config.training.learning_rate),
+        gradient_clip=None if clip is None else float(clip),
+        loss=str(config.training.loss),
+    )
 
 
 def _plan(config: DictConfig, start: str) -> SegmentPlan:

@@ -15,7 +15,7 @@ from pcnclaws.laws.elasticity import FixedCorotated
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.rollout import differentiable_rollout
 from pcnclaws.simulator import Simulator
-from pcnclaws.training.losses import position_loss
+from pcnclaws.training.losses import NEGLIGIBLE, position_loss, relative_position_loss, unstressed_positions
 
 
 @pytest.fixture(scope="module")
@@ -104,6 +104,37 @@ def test_unobserved_particles_count_for_nothing_and_send_no_gradient() -> None:
     assert bool((predicted.grad[:, :, 1] == 0.0).all())
     nothing = position_loss(predicted, torch.full((2, 3, 4), float("nan")))
     assert float(nothing.detach()) == 0.0
+
+
+def test_the_relative_loss_weighs_each_segment_by_its_motion() -> None:
+    segments, target = torch.tensor([0, 0, 1]), torch.zeros(2, 3, 3)
+    unstressed = torch.full((2, 3, 3), 0.1)
+    unstressed[:, :, 2] = 10.0
+    predicted = torch.full((2, 3, 3), 0.01, requires_grad=True)
+    loss = relative_position_loss(predicted, target, unstressed, segments, 2)
+    assert float(loss.detach()) == pytest.approx(0.5 * (1e-4 / (1e-2 + NEGLIGIBLE) + 1e-4 / (100.0 + NEGLIGIBLE)))
+
+    target[:, :, 1] = float("nan")
+    unstressed[:, :, 1] = 5.0
+    masked = relative_position_loss(predicted, target, unstressed, segments, 2)
+    masked.backward()
+    assert float(masked.detach()) == pytest.approx(float(loss.detach())), "an unobserved particle counts for nothing"
+    assert predicted.grad is not None
+    assert torch.isfinite(predicted.grad).all()
+    assert bool((predicted.grad[:, :, 1] == 0.0).all())
+    still = relative_position_loss(predicted, torch.full((2, 3, 3), float("nan")), unstressed, segments, 2)
+    assert float(still.detach()) == 0.0
+
+
+def test_unstressed_positions_are_those_of_the_discrete_free_fall(records: list[SceneRecord]) -> None:
+    batch = SegmentDataset(records, SegmentPlan(1, 3, first=20, last=20))[0]
+    position, velocity = batch.state.position.clone(), batch.state.velocity.clone()
+    found = unstressed_positions(batch.state, batch.scenes, SETTINGS.time_step, range(5, 21, 5))
+    for step in range(1, 21):
+        velocity = velocity + SETTINGS.time_step * batch.scenes.gravity[:, batch.scenes.scene_index]
+        position = position + SETTINGS.time_step * velocity
+        if step % 5 == 0:
+            torch.testing.assert_close(found[step // 5 - 1], position, rtol=0.0, atol=1e-6)
 
 
 def test_scenes_of_different_settings_never_share_a_batch(records: list[SceneRecord]) -> None:

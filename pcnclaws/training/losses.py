@@ -1,18 +1,62 @@
 """What training minimises."""
 
+from collections.abc import Sequence
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from pcnclaws.free_fall import fallen
+from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.tensor_types import SceneIndex
 
-def position_loss(
-    predicted: Float[Tensor, "frames 3 particles"], target: Float[Tensor, "frames 3 particles"]
-) -> Float[Tensor, ""]:
+Positions = Float[Tensor, "frames 3 particles"]
+# Squared displacement (30 micrometres)^2 [m^2] below which a segment is as good as free of stress.
+NEGLIGIBLE = 1e-9
+
+
+def position_loss(predicted: Positions, target: Positions) -> Float[Tensor, ""]:
     """Mean squared position error [m^2] over frames, observed particles and the 3 coordinates.
 
     The paper's loss up to a constant factor. NaN in the target marks an unobserved coordinate: it counts for
     nothing and sends no gradient. 0 if nothing was observed.
     """
+    squared, observed = _squared_error(predicted, target)
+    return squared.sum() / observed.sum().clamp_min(1)
+
+
+def relative_position_loss(
+    predicted: Positions, target: Positions, unstressed: Positions, segments: SceneIndex, count: int
+) -> Float[Tensor, ""]:
+    """Mean over segments of their squared position error, relative to how far stress moved them [-].
+
+        1/segments sum_s |x - x_true|^2_s / (|x_free - x_true|^2_s + NEGLIGIBLE)
+
+    A segment of an impact moves a thousand times as far as one of a body coming to rest: in square metres the first
+    decides alone, here each says as much about the law. NaN in the target is treated as by position_loss.
+
+    unstressed  positions x_free that the particles would have without stress [m]
+    segments    the segment that each particle belongs to, (particles,)
+    count       number of segments
+    """
+    error, observed = _squared_error(predicted, target)
+    moved, _ = _squared_error(unstressed, target)
+
+    def of_segments(values: Tensor) -> Tensor:
+        return values.new_zeros(count).index_add(0, segments, values.sum((0, 1)))
+
+    observations = of_segments(observed.to(error.dtype)).clamp_min(1.0)
+    scale = (of_segments(moved) / observations).detach() + NEGLIGIBLE
+    return (of_segments(error) / observations / scale).mean()
+
+
+def unstressed_positions(state: ParticleState, scenes: Scenes, time_step: float, steps: Sequence[int]) -> Positions:
+    """Positions [m] after each of `steps` steps if no particle felt any stress or wall."""
+    return torch.stack([fallen(state, scenes, time_step, [n] * scenes.scene_count).position for n in steps])
+
+
+def _squared_error(predicted: Positions, target: Positions) -> tuple[Positions, Tensor]:
+    """Squared error [m^2], 0 where the target was not observed, and where it was."""
     observed = ~torch.isnan(target)
     error = torch.where(observed, predicted - torch.where(observed, target, 0.0), 0.0)
-    return error.square().sum() / observed.sum().clamp_min(1)
+    return error.square(), observed

@@ -14,40 +14,44 @@ from torch import Tensor, nn
 from pcnclaws.data.dataset import SegmentBatch
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import simulate_records, simulator_of, start_of
-from pcnclaws.errors import SimulationDiverged, UserError
+from pcnclaws.errors import SimulationDiverged, UserError, unknown_name
 from pcnclaws.laws.materials import Laws
 from pcnclaws.metrics import position_mse
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.rollout import differentiable_rollout
 from pcnclaws.simulator import Simulator
 from pcnclaws.skips import Skips
-from pcnclaws.training.losses import position_loss
+from pcnclaws.training.losses import position_loss, relative_position_loss, unstressed_positions
 
 log = logging.getLogger(__name__)
 
-# Squared metres are tiny numbers: the optimiser sees the loss times this, meant to keep gradients above its epsilon of
-# 1e-8.
-LOSS_SCALE = 1e8
+# The optimiser sees the loss times this, meant to keep gradients above its epsilon of 1e-8: squared metres are tiny
+# numbers, relative errors small ones.
+LOSS_SCALE = {"relative": 1e4, "absolute": 1e8}
 # So many iterations in a row without a finite gradient end a run.
 MOST_SKIPPED = 20
 
 
 @dataclass(frozen=True)
 class OptimiserSettings:
-    """Adam with cosine annealing, one step of the schedule an iteration.
+    """Adam with cosine annealing, one step of the schedule an iteration, and the loss that it minimises.
 
     learning_rate        at the first iteration
     final_learning_rate  at the last one
-    gradient_clip        largest norm of the gradient of 1e8 times the loss; None clips nothing
+    gradient_clip        largest norm of the gradient of LOSS_SCALE times the loss; None clips nothing
     recompute            save memory by computing each step twice; None decides by the size of the batch
+    loss                 'relative': relative_position_loss; 'absolute': position_loss, the paper's
     """
 
     learning_rate: float = 3e-3
     final_learning_rate: float = 0.0
     gradient_clip: float | None = None
     recompute: bool | None = None
+    loss: str = "relative"
 
     def __post_init__(self) -> None:
+        if self.loss not in LOSS_SCALE:
+            raise unknown_name("training.loss", self.loss, LOSS_SCALE)
         if not (math.isfinite(self.learning_rate) and self.learning_rate > 0.0):
             raise UserError(f"training.learning_rate={self.learning_rate} is not accepted; accepted: a positive number")
         if not 0.0 <= self.final_learning_rate <= self.learning_rate:
@@ -96,11 +100,21 @@ class ConstitutiveModule(LightningModule, ABC):
         fields = (batch.state, batch.scenes, batch.parameters)
         recompute = self.settings.recompute
         predicted = differentiable_rollout(simulator, *fields, batch.steps, batch.every, recompute, self.skips)
-        loss = position_loss(predicted, batch.target)
-        self.log("loss", loss.detach(), batch_size=1)
+        error = position_loss(predicted, batch.target)
+        self.log("loss", error.detach(), batch_size=1)
         self.log("segment_length", float(batch.steps), batch_size=1)
         self.log("learning_rate", self.trainer.optimizers[0].param_groups[0]["lr"], batch_size=1)
-        return LOSS_SCALE * loss
+        return LOSS_SCALE[self.settings.loss] * self._loss(batch, simulator, predicted, error)
+
+    def _loss(self, batch: SegmentBatch, simulator: Simulator, predicted: Tensor, error: Tensor) -> Tensor:
+        """What is minimised: the squared error [m^2], or each segment's relative to its motion [-]."""
+        if self.settings.loss == "absolute":
+            return error
+        times = range(batch.every, batch.steps + 1, batch.every)
+        time_step = simulator.integrator.settings.time_step
+        unstressed = unstressed_positions(batch.state, batch.scenes, time_step, times)
+        segments = batch.scenes.scene_index, batch.scenes.scene_count
+        return relative_position_loss(predicted, batch.target, unstressed, *segments)
 
     def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
         """Watches the gradient: an iteration without a finite one leaves the weights and the optimiser as they are."""
