@@ -15,7 +15,7 @@ from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulator import Simulator
 
-MATERIALS = ("elasticity", "plasticine", "sand")
+MATERIALS = ("elasticity", "plasticine", "sand", "neo_hookean", "tresca")
 COUNTS = (70, 5, 64)  # particles of the scenes: whole and broken blocks
 
 

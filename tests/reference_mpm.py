@@ -6,7 +6,7 @@ everywhere: a singular value decomposition per particle, a dense grid, explicit 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import floor, pi, sin, sqrt
+from math import floor, log, pi, sin, sqrt
 
 import numpy as np
 
@@ -68,6 +68,12 @@ def stvk_hencky(deformation: np.ndarray, parameters: Mapping[str, float]) -> np.
     return left @ np.diag(2 * mu * strain + lam * strain.sum()) @ left.T
 
 
+def neo_hookean(deformation: np.ndarray, parameters: Mapping[str, float]) -> np.ndarray:
+    """tau = mu (F F^T - I) + lambda ln(J) I."""
+    lam, mu = lame(parameters)
+    return mu * (deformation @ deformation.T - IDENTITY) + lam * log(np.linalg.det(deformation)) * IDENTITY
+
+
 def no_plasticity(trial: np.ndarray, parameters: Mapping[str, float]) -> np.ndarray:
     """The trial deformation itself."""
     return trial
@@ -98,6 +104,25 @@ def von_mises(trial: np.ndarray, parameters: Mapping[str, float]) -> np.ndarray:
     return _shrunk(left, strain, deviator, excess, right)
 
 
+def tresca(trial: np.ndarray, parameters: Mapping[str, float]) -> np.ndarray:
+    """Return to the Tresca prism tau_1 - tau_3 <= sqrt(2) tau_Y: to a face, or to one of its two corners."""
+    _, mu = lame(parameters)
+    left, stretches, right = np.linalg.svd(trial)  # in descending order
+    strain = np.log(stretches)
+    mean = strain.sum() / 3
+    first, second, third = strain - mean
+    limit = sqrt(2) * parameters["yield_stress"] / (2 * mu)
+    excess = first - third - limit
+    if excess > 0:
+        if first - excess / 2 < second:
+            strain = mean + np.array((limit / 3, limit / 3, -2 * limit / 3))
+        elif third + excess / 2 > second:
+            strain = mean + np.array((2 * limit / 3, -limit / 3, -limit / 3))
+        else:
+            strain = strain + np.array((-excess / 2, 0, excess / 2))
+    return left @ np.diag(np.exp(strain)) @ right
+
+
 def _shrunk(
     left: np.ndarray, strain: np.ndarray, deviator: np.ndarray, excess: float | np.floating, right: np.ndarray
 ) -> np.ndarray:
@@ -110,6 +135,8 @@ LAWS = {
     "elasticity": (fixed_corotated, no_plasticity),
     "plasticine": (stvk_hencky, von_mises),
     "sand": (stvk_hencky, drucker_prager),
+    "neo_hookean": (neo_hookean, no_plasticity),
+    "tresca": (stvk_hencky, tresca),
 }
 
 

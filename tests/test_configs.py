@@ -45,7 +45,7 @@ def test_every_benchmark_problem_composes_under_its_name(problem):
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_every_experiment_composes(experiment):
-    material, regime = experiment.split("_")
+    material, regime = experiment.rsplit("_", 1)
     config = compose_config("train", [f"experiment={experiment}", "debug=fast"])
     assert config.material.name == material
     assert config.regime.name == f"{regime}_scene"

@@ -23,6 +23,8 @@ PARAMETERS = {
     "elasticity": {"youngs_modulus": 2.0, "poissons_ratio": 0.3},
     "plasticine": {"youngs_modulus": 2.0, "poissons_ratio": 0.25, "yield_stress": 0.05},
     "sand": {"youngs_modulus": 2.0, "poissons_ratio": 0.2, "friction_angle": 25.0},
+    "neo_hookean": {"youngs_modulus": 2.0, "poissons_ratio": 0.3},
+    "tresca": {"youngs_modulus": 2.0, "poissons_ratio": 0.25, "yield_stress": 0.05},
 }
 NUMBERS = ("position", "velocity", "affine", "deformation", "mass", "volume", "gravity")
 Numbers = dict[str, Tensor]

@@ -8,10 +8,11 @@ from bodies import per_particle, principal
 from law_checks import check_elasticity, check_plasticity, deformations, rotations, strains
 from torch import Tensor
 
-from pcnclaws.laws.elasticity import FixedCorotated, StVKHencky
+from pcnclaws.laws.base import Plasticity
+from pcnclaws.laws.elasticity import FixedCorotated, NeoHookean, StVKHencky
 from pcnclaws.laws.materials import MATERIALS, Material, analytic_laws
 from pcnclaws.laws.parameters import lame_constants
-from pcnclaws.laws.plasticity import DruckerPrager, NoPlasticity, VonMises
+from pcnclaws.laws.plasticity import DruckerPrager, NoPlasticity, Tresca, VonMises
 from pcnclaws.linalg3 import deviator, exp_symmetric, hencky_strain, identity_like, matmul, safe_norm, trace, transpose
 
 pytestmark = pytest.mark.usefixtures("each_backend")
@@ -37,7 +38,7 @@ def test_every_law_obeys_what_laws_must(material: str, values: dict[str, float])
         check_plasticity(laws.plasticity, values)
 
 
-@pytest.mark.parametrize("elasticity", [FixedCorotated(), StVKHencky()])
+@pytest.mark.parametrize("elasticity", [FixedCorotated(), NeoHookean(), StVKHencky()])
 @pytest.mark.parametrize("poissons_ratio", [-0.9, 0.0, 0.49])
 def test_elasticity_holds_for_every_poissons_ratio(elasticity: FixedCorotated, poissons_ratio: float) -> None:
     check_elasticity(elasticity, {"youngs_modulus": 1e5, "poissons_ratio": poissons_ratio})
@@ -63,25 +64,33 @@ def test_fixed_corotated_stress_on_principal_axes() -> None:
     torch.testing.assert_close(FixedCorotated()(principal(*stretches), parameters), expected, rtol=1e-12, atol=1e-7)
 
 
-def stress_after(plasticity: VonMises | DruckerPrager, trial_strain: Tensor, values: dict[str, float]) -> Tensor:
+def stress_after(plasticity: Plasticity, trial_strain: Tensor, values: dict[str, float]) -> Tensor:
     """Stress [Pa] that is left of a trial strain."""
     parameters = per_particle(values, trial_strain.shape[2])
     return StVKHencky()(plasticity(exp_symmetric(trial_strain), parameters), parameters)
 
 
-def test_axial_stress_at_yield_in_uniaxial_stress() -> None:
-    axial = math.sqrt(1.5) * 4e3
+def test_neo_hookean_stress_on_principal_axes() -> None:
+    stretches, parameters = (0.6, 1.1, 1.5), per_particle(HOOKE, 1)
+    lam, mu = (float(modulus[0]) for modulus in lame_constants(parameters))
+    expected = principal(*(mu * (s**2 - 1) + lam * math.log(math.prod(stretches)) for s in stretches))
+    torch.testing.assert_close(NeoHookean()(principal(*stretches), parameters), expected, rtol=1e-12, atol=1e-7)
+
+
+@pytest.mark.parametrize(("plasticity", "axial"), [(VonMises(), math.sqrt(1.5) * 4e3), (Tresca(), math.sqrt(2) * 4e3)])
+def test_axial_stress_at_yield_in_uniaxial_stress(plasticity: Plasticity, axial: float) -> None:
     bulk = 3e5 / (3 * (1 - 2 * 0.3))
     for sign in (1.0, -1.0):
         trial = sign * (0.1 * principal(2.0, -1.0, -1.0) + axial / (9 * bulk) * principal(1.0, 1.0, 1.0))
-        stress = stress_after(VonMises(), trial, PLASTICINE)
+        stress = stress_after(plasticity, trial, PLASTICINE)
         torch.testing.assert_close(stress, principal(sign * axial, 0.0, 0.0), rtol=0, atol=1e-6)
 
 
-def test_shear_stress_at_yield() -> None:
+@pytest.mark.parametrize("plasticity", [VonMises(), Tresca()])
+def test_shear_stress_at_yield(plasticity: Plasticity) -> None:
     sheared = torch.zeros(3, 3, 1, dtype=torch.float64)
     sheared[0, 1] = sheared[1, 0] = 0.1
-    stress = stress_after(VonMises(), sheared, PLASTICINE)
+    stress = stress_after(plasticity, sheared, PLASTICINE)
     torch.testing.assert_close(stress, sheared / 0.1 * (4e3 / math.sqrt(2)), rtol=0, atol=1e-6)
 
 
@@ -94,6 +103,31 @@ def test_von_mises_keeps_the_pressure_and_bounds_the_shear_stress() -> None:
     shear = safe_norm(deviator(stress))
     torch.testing.assert_close(trace(stress), trace(elastic), rtol=1e-10, atol=1e-6)
     torch.testing.assert_close(shear, safe_norm(deviator(elastic)).clamp_max(4e3), rtol=1e-10, atol=0)
+
+
+def test_tresca_keeps_the_pressure_and_gives_the_nearest_admissible_stress() -> None:
+    trial = torch.cat((strains(1, 0.1), strains(2, 0.01), strains(3, 0.03)), dim=2)
+    stress, elastic = (
+        stress_after(Tresca(), trial, PLASTICINE),
+        StVKHencky()(exp_symmetric(trial), per_particle(PLASTICINE, trial.shape[2])),
+    )
+    torch.testing.assert_close(trace(stress), trace(elastic), rtol=1e-10, atol=1e-6)
+    kept, before = (torch.linalg.eigvalsh(deviator(tau).permute(2, 0, 1)) for tau in (stress, elastic))
+    limit = math.sqrt(2) * 4e3
+    largest = kept[:, 2] - kept[:, 0]
+    torch.testing.assert_close(largest, (before[:, 2] - before[:, 0]).clamp_max(limit), rtol=1e-10, atol=0)
+    # the nearest point of a convex set: what was taken off makes no acute angle with the way to any of its corners
+    third = limit / 3
+    hexagon = [
+        [sign * c for c in corner] for sign in (-third, third) for corner in ((1, 1, -2), (1, -2, 1), (-2, 1, 1))
+    ]
+    angles = ((before - kept)[:, None] * (torch.tensor(hexagon).double() - kept[:, None])).sum(2)
+    assert angles.max() <= 1e-9 * limit**2
+    middle = kept[:, 1].abs()
+    on_a_corner, flows = middle > third * (1 - 1e-9), largest > limit * (1 - 1e-9)
+    assert 50 < (flows & on_a_corner).sum() < 250
+    assert (flows & ~on_a_corner).sum() > 20
+    assert (~flows).sum() > 20
 
 
 def test_sand_bears_shear_in_proportion_to_pressure_and_no_tension() -> None:
@@ -131,10 +165,12 @@ def test_an_expansion_of_sand_returns_to_the_rotation() -> None:
     torch.testing.assert_close(elastic, turn, rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize(("plasticity", "values"), [(VonMises(), PLASTICINE), (DruckerPrager(), SAND)])
+@pytest.mark.parametrize(
+    ("plasticity", "values"), [(VonMises(), PLASTICINE), (Tresca(), PLASTICINE), (DruckerPrager(), SAND)]
+)
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_a_deformation_inside_the_yield_surface_is_not_touched(
-    plasticity: VonMises, values: dict[str, float], dtype: torch.dtype
+    plasticity: Plasticity, values: dict[str, float], dtype: torch.dtype
 ) -> None:
     small = strains(5, 1e-3)
     inside = matmul(exp_symmetric(small - 0.02 * identity_like(small)), rotations(6)).to(dtype)

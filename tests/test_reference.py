@@ -49,6 +49,8 @@ PARAMETERS = {
     "elasticity": {"youngs_modulus": 2e5, "poissons_ratio": 0.3},
     "plasticine": {"youngs_modulus": 3e5, "poissons_ratio": 0.25, "yield_stress": 3e3},
     "sand": {"youngs_modulus": 3e5, "poissons_ratio": 0.2, "friction_angle": 28.0},
+    "neo_hookean": {"youngs_modulus": 2e5, "poissons_ratio": 0.3},
+    "tresca": {"youngs_modulus": 3e5, "poissons_ratio": 0.25, "yield_stress": 3e3},
 }
 SIDES = (0.2, 0.18, 0.15)
 COUNTS = (5, 4, 4)

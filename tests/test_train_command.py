@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 import torch
 from conftest import Outcome
-from training_bodies import NeoHookean, recorded
+from training_bodies import recorded
 
 from pcnclaws.data.hdf5 import write_scenes
+from pcnclaws.laws.elasticity import NeoHookean
 from pcnclaws.runs import CONFIG, METRICS, WEIGHTS, load_run
 from pcnclaws.train import train
 from pcnclaws.training.checkpoints import LAST, PREVIOUS, newest_checkpoint
@@ -43,7 +44,7 @@ def positions_only(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four neo-Hookean bodies: their law is neither ours nor of our networks. Positions and initial velocities only."""
     path = tmp_path_factory.mktemp("own") / "bodies.h5"
     bodies = recorded(4, NeoHookean(), keyframes=False)
-    write_scenes(path, [replace(body, velocity=None, material="neo_hookean") for body in bodies])
+    write_scenes(path, [replace(body, velocity=None, material="rubber") for body in bodies])
     return path
 
 

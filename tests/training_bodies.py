@@ -12,24 +12,11 @@ from pcnclaws.data.scenes import SceneStart, simulate_records
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.elasticity import FixedCorotated
 from pcnclaws.laws.materials import Laws
-from pcnclaws.laws.parameters import lame_constants
-from pcnclaws.linalg3 import determinant, identity_like, matmul, transpose
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.tensor_types import Matrices, Parameters
 
 SETTINGS = SimulationSettings(time_step=1e-3, grid_nodes=12)
 STEPS, EVERY, KEYFRAME_EVERY = 40, 5, 10
-
-
-class NeoHookean(Elasticity):
-    """Compressible neo-Hookean body: tau = mu (b - I) + lambda log(J) I."""
-
-    parameter_names = ("youngs_modulus", "poissons_ratio")
-
-    def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
-        lam, mu = lame_constants(parameters)
-        b = matmul(deformation, transpose(deformation))
-        return mu * (b - identity_like(b)) + lam * torch.log(determinant(deformation)) * identity_like(b)
 
 
 class Scaled(Elasticity):

@@ -58,6 +58,8 @@ def _batches(options: Mapping[str, Any]) -> list[Batch]:
         "elasticity": [None],
         "plasticine": numbers(options, "yield_strain", 0.0),
         "sand": numbers(options, "friction_angle", 0.0, 90.0),
+        "neo_hookean": [None],
+        "tresca": numbers(options, "yield_strain", 0.0),
     }
     materials = names(options, "materials", MATERIALS)
     motions, precisions = names(options, "motions", MOTIONS), names(options, "precisions", PRECISIONS)

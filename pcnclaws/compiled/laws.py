@@ -12,8 +12,17 @@ from torch import Tensor
 
 from pcnclaws.compiled.kernels import address, addresses, call, require_first_derivative
 
-# in the order of `choose` in source/kernels.cpp
-LAWS = ("FixedCorotated", "StVKHencky", "DruckerPrager", "VonMises", "ElasticNet", "PlasticNet")
+# in the order of `with_law` in source/kernels.cpp
+LAWS = (
+    "FixedCorotated",
+    "StVKHencky",
+    "DruckerPrager",
+    "VonMises",
+    "ElasticNet",
+    "PlasticNet",
+    "NeoHookean",
+    "Tresca",
+)
 LAYERS = 3
 
 

@@ -1,11 +1,14 @@
-"""The objects that laws are tested with and never trained on: the paper's unseen ones and its estimation truths."""
+"""The objects that laws are tested with and never trained on: the paper's unseen ones and its estimation truths.
+
+Materials that the paper does not have borrow their parameters from those it has.
+"""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
 
 class ReferenceObject(NamedTuple):
-    """An object of the paper.
+    """An object of the paper, or of a material that the paper does not have.
 
     parameters  physical parameters by name
     paper_mse   the paper's error of its multi-scene law on this unseen object [m^2], None where it gives none
@@ -36,8 +39,13 @@ def _sand(
     return ReferenceObject(name, "sand", parameters, paper_mse)
 
 
+def _borrowed(material: str, owner: str) -> list[ReferenceObject]:
+    """The objects of another material, which the paper does not have."""
+    return [thing._replace(material=material, paper_mse=None) for thing in _PAPER_OBJECTS if thing.material == owner]
+
+
 # All six unseen objects of the paper are among its nine estimation truths.
-REFERENCE_OBJECTS = (
+_PAPER_OBJECTS = (
     _elastic("test-E1.8e5-nu0.13", 1.8e5, 0.13, 4.3e-4),
     _elastic("test-E1.4e5-nu0.18", 1.4e5, 0.18, 3.9e-4),
     _elastic("test-E2.0e5-nu0.15", 2.0e5, 0.15, None),
@@ -48,6 +56,7 @@ REFERENCE_OBJECTS = (
     _sand("test-E4.2e5-nu0.23-phi26", 4.2e5, 0.23, 26.0, 2.6e-4),
     _sand("test-E3.3e5-nu0.20-phi22", 3.3e5, 0.20, 22.0, None),
 )
+REFERENCE_OBJECTS = (*_PAPER_OBJECTS, *_borrowed("neo_hookean", "elasticity"), *_borrowed("tresca", "plasticine"))
 # Training data keeps this relative distance from every reference object in at least one parameter.
 NEIGHBOURHOOD = 0.03
 

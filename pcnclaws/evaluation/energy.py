@@ -10,7 +10,7 @@ from torch import Tensor
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import SceneStart, batch_scenes
 from pcnclaws.laws.base import Elasticity
-from pcnclaws.laws.elasticity import FixedCorotated, StVKHencky
+from pcnclaws.laws.elasticity import FixedCorotated, NeoHookean, StVKHencky
 from pcnclaws.laws.parameters import lame_constants
 from pcnclaws.linalg3 import determinant, hencky_strain, left_stretch, trace
 from pcnclaws.mpm.state import ParticleState, Scenes
@@ -89,6 +89,13 @@ def _fixed_corotated(deformation: Matrices, parameters: Parameters) -> Scalars:
     return mu * (trace(b) - 2.0 * trace(v) + 3.0) + 0.5 * lam * (determinant(deformation) - 1.0).square()
 
 
+def _neo_hookean(deformation: Matrices, parameters: Parameters) -> Scalars:
+    """Energy per initial volume mu / 2 (tr b - 3) - mu ln J + lambda / 2 (ln J)^2 [J/m^3]."""
+    lam, mu = lame_constants(parameters)
+    logarithm = determinant(deformation).log()
+    return 0.5 * mu * (deformation.square().sum((0, 1)) - 3.0 - 2.0 * logarithm) + 0.5 * lam * logarithm.square()
+
+
 def _hencky(deformation: Matrices, parameters: Parameters) -> Scalars:
     """Energy per initial volume mu |h|^2 + lambda / 2 (tr h)^2 [J/m^3]."""
     lam, mu = lame_constants(parameters)
@@ -104,5 +111,6 @@ def _by_scene(values: Scalars, scenes: Scenes) -> Tensor:
 
 _DENSITIES: dict[type[Elasticity], Callable[[Matrices, Parameters], Scalars]] = {
     FixedCorotated: _fixed_corotated,
+    NeoHookean: _neo_hookean,
     StVKHencky: _hencky,
 }

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from pcnclaws.errors import unknown_name
 from pcnclaws.laws.base import Elasticity, Plasticity
-from pcnclaws.laws.elasticity import FixedCorotated, StVKHencky
-from pcnclaws.laws.plasticity import DruckerPrager, VonMises
+from pcnclaws.laws.elasticity import FixedCorotated, NeoHookean, StVKHencky
+from pcnclaws.laws.plasticity import DruckerPrager, Tresca, VonMises
 
 
 class Laws(NamedTuple):
@@ -37,22 +37,19 @@ class Material(NamedTuple):
         return {name: 0.5 * (low + high) for name, (low, high) in self.ranges.items()}
 
 
+_ELASTICITY = {"youngs_modulus": (5e4, 3e5), "poissons_ratio": (0.05, 0.40)}
+_PLASTICINE = {"youngs_modulus": (2e5, 7e5), "poissons_ratio": (0.15, 0.42), "yield_stress": (2e3, 8e3)}
+_SAND = {"youngs_modulus": (2e5, 6e5), "poissons_ratio": (0.10, 0.40), "friction_angle": (18.0, 38.0)}
+
 MATERIALS = {
     material.name: material
     for material in (
-        Material("elasticity", FixedCorotated, None, {"youngs_modulus": (5e4, 3e5), "poissons_ratio": (0.05, 0.40)}),
-        Material(
-            "plasticine",
-            StVKHencky,
-            VonMises,
-            {"youngs_modulus": (2e5, 7e5), "poissons_ratio": (0.15, 0.42), "yield_stress": (2e3, 8e3)},
-        ),
-        Material(
-            "sand",
-            StVKHencky,
-            DruckerPrager,
-            {"youngs_modulus": (2e5, 6e5), "poissons_ratio": (0.10, 0.40), "friction_angle": (18.0, 38.0)},
-        ),
+        Material("elasticity", FixedCorotated, None, _ELASTICITY),
+        Material("plasticine", StVKHencky, VonMises, _PLASTICINE),
+        Material("sand", StVKHencky, DruckerPrager, _SAND),
+        # in neither family of the neural laws: what learning does where the structure does not know the answer
+        Material("neo_hookean", NeoHookean, None, _ELASTICITY),
+        Material("tresca", StVKHencky, Tresca, _PLASTICINE),
     )
 }
 

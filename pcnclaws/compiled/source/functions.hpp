@@ -15,6 +15,9 @@ template <class S> Differentiated<S> operator*(const S& a, double b) { return ch
 template <class S> Differentiated<S> operator*(double b, const S& a) { return a * b; }
 template <class S> Differentiated<S> operator/(const S& a, double b) { return a * (1.0 / b); }
 
+template <class S> Differentiated<S> maximum(const S& a, const S& b) { return select(a.value >= b.value, a, b); }
+template <class S> Differentiated<S> minimum(const S& a, const S& b) { return select(a.value <= b.value, a, b); }
+
 template <class S> S square(const S& a) { return a * a; }
 
 template <class S> Differentiated<S> square_root(const S& a) {

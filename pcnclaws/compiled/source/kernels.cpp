@@ -51,6 +51,10 @@ template <class Work> int with_law(int number, const LawInput<T>& in, Work work)
                 return run(ElasticNet{});
             case 5:
                 return run(PlasticNet{});
+            case 6:
+                return run(NeoHookean{});
+            case 7:
+                return run(Tresca{});
         }
         return false;
     });

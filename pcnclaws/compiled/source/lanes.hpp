@@ -33,6 +33,7 @@ constexpr int L = LANES<double>;
 inline V splat(double x) { return V{} + x; }
 inline V select(Mask mask, V yes, V no) { return mask ? yes : no; }
 inline V maximum(V a, V b) { return select(a > b, a, b); }
+inline V minimum(V a, V b) { return select(a < b, a, b); }
 inline V absolute(V a) { return maximum(a, -a); }
 
 // lane by lane through memory, which the compiler turns into one instruction

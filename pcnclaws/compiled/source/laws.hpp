@@ -36,6 +36,15 @@ struct FixedCorotated : Analytic {  // parameters: mu, lambda [Pa]
     }
 };
 
+struct NeoHookean : Analytic {  // parameters: mu, lambda [Pa]
+    static constexpr bool RETURN_MAP = false;
+    static constexpr int PARAMETERS = 2;
+    template <class S> static void respond(const S h[3], const S*, const S* p, const S*, S y[3]) {
+        const S pressure = p[1] * trace(h);
+        for (int i = 0; i < 3; i++) y[i] = p[0] * (exponential(2.0 * h[i]) - 1.0) + pressure;
+    }
+};
+
 struct StVKHencky : Analytic {  // parameters: mu, lambda [Pa]
     static constexpr bool RETURN_MAP = false;
     static constexpr int PARAMETERS = 2;
@@ -69,6 +78,23 @@ struct VonMises : Analytic {  // parameter: shear strain at yield, tau_Y/(2 mu)
         const S shear = safe_root(sum_of_squares(dev)), excess = shear - p[0], zero = constant(V{}, excess);
         const S share = select(value_of(excess) > 0.0, excess / select(value_of(shear) > 0.0, shear, zero + 1.0), zero);
         for (int i = 0; i < 3; i++) y[i] = -(dev[i] * share);
+    }
+};
+
+struct Tresca : Analytic {  // parameter: largest difference of two principal strains, sqrt(2) tau_Y/(2 mu)
+    static constexpr bool RETURN_MAP = true;
+    static constexpr int PARAMETERS = 1;
+    // Every value is held between the lowest and the highest that the middle one allows: no order is asked for.
+    template <class S> static void respond(const S h[3], const S*, const S* p, const S*, S y[3]) {
+        S dev[3];
+        deviator(h, dev);
+        const S third = p[0] / 3.0, larger = maximum(dev[0], dev[1]), smaller = minimum(dev[0], dev[1]);
+        const S middle = held(maximum(smaller, minimum(larger, dev[2])), -third, third);
+        const S highest = 0.5 * (p[0] - middle), lowest = -(0.5 * (p[0] + middle));
+        for (int i = 0; i < 3; i++) y[i] = held(dev[i], lowest, highest) - dev[i];
+    }
+    template <class S> static S held(const S& x, const S& low, const S& high) {
+        return maximum(minimum(x, high), low);
     }
 };
 
