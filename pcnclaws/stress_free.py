@@ -16,8 +16,8 @@ ROUNDING = 64.0
 def is_stress_free_at_rest(simulator: Simulator, parameters: Parameters) -> bool:
     """Whether F = I gives no stress and no plastic flow, and would with weights and parameters a little different.
 
-    The analytic laws and the neural ones of `model=pcnclaws` do by their structure; those of `model=pcnclaws_paper`
-    do not.
+    The analytic laws and the neural ones of `model=pcnclaws` and `model=pcnclaws_no_prior` do by their structure;
+    those of `model=pcnclaws_paper` do not.
     """
     any_parameter = next(iter(parameters.values()))
     identity = torch.eye(3, dtype=any_parameter.dtype, device=any_parameter.device)[:, :, None]

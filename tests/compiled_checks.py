@@ -16,6 +16,7 @@ from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulator import Simulator
 
 MATERIALS = ("elasticity", "plasticine", "sand", "neo_hookean", "tresca")
+MODELS = {"neural": "pcnclaws", "no prior": "pcnclaws_no_prior"}
 COUNTS = (70, 5, 64)  # particles of the scenes: whole and broken blocks
 
 
@@ -32,7 +33,7 @@ def laws_of(material: str, kind: str, width: int = 64) -> Laws:
     if kind == "analytic":
         return analytic_laws(material_named(material))
     torch.manual_seed(0)
-    laws = build_neural_laws(material_named(material), {"name": "pcnclaws", "width": width})
+    laws = build_neural_laws(material_named(material), {"name": MODELS[kind], "width": width})
     for law in laws:
         if law is not None:
             torch.nn.init.normal_(law.kernel_weights()[2], std=0.05)

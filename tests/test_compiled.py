@@ -31,10 +31,11 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning"),
 ]
 BOTH = pytest.mark.parametrize("kind", ["analytic", "neural"])
+EVERY = pytest.mark.parametrize("kind", ["analytic", "neural", "no prior"])
 EACH = pytest.mark.parametrize("material", MATERIALS)
 
 
-@BOTH
+@EVERY
 @EACH
 def test_states_and_derivatives_in_both_modes_equal_those_of_pytorch(material: str, kind: str) -> None:
     simulator, batch = simulator_of(material, kind), moving_batch(material)
@@ -50,7 +51,7 @@ def test_states_and_derivatives_in_both_modes_equal_those_of_pytorch(material: s
     assert largest_difference(found["compiled"], found["torch"]) < 1e-11
 
 
-@BOTH
+@EVERY
 @EACH
 def test_single_precision_is_as_right_as_that_of_pytorch(material: str, kind: str) -> None:
     simulator, batch = simulator_of(material, kind), moving_batch(material)

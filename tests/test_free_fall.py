@@ -138,7 +138,8 @@ def test_laws_that_move_a_body_at_rest_are_always_evaluated() -> None:
     for laws in (Laws(Prestressed(), None), Laws(FixedCorotated(), Flowing()), Laws(StillAtZeroWeight(), None)):
         assert falls(simulator(laws), bodies) == [0]
     assert falls(neural("elasticity", "pcnclaws_paper"), bodies) == [0]
-    assert falls(neural("elasticity"), bodies)[0] > 0
+    for model in ("pcnclaws", "pcnclaws_no_prior"):
+        assert falls(neural("elasticity", model), bodies)[0] > 0
 
 
 def changed(field: str, value: float, particle: int = 5) -> ParticleState:

@@ -22,6 +22,7 @@ LAWS = (
     "PlasticNet",
     "NeoHookean",
     "Tresca",
+    "NoPriorElasticNet",
 )
 LAYERS = 3
 

@@ -41,22 +41,16 @@ class ConditionalMLP(nn.Module):
         return torch.addmm(last_bias, last_weight, x)
 
 
-class DimensionlessParameters(nn.Module):
-    """The physical parameters as inputs of a network: dimensionless and of order one.
-
-    A law divided by its moduli can depend on them only through dimensionless numbers: Poisson's ratio, the
-    friction angle and the yield strain tau_Y/(2 mu), which enters as a logarithm. Young's modulus alone does not
-    enter, so that a law holds for every stiffness. Standardised by the ranges of the material.
-    """
+class StandardisedParameters(nn.Module):
+    """Physical parameters as inputs of a network: scaled to [-1, 1] over the ranges of the material, one row each."""
 
     centre: Tensor
     half_width: Tensor
 
     def __init__(self, ranges: Mapping[str, tuple[float, float]], names: tuple[str, ...]) -> None:
         super().__init__()
-        self.names = tuple(name for name in names if name != "youngs_modulus")
-        bounds = [_yield_strain_range(ranges) if name == "yield_stress" else ranges[name] for name in self.names]
-        limits = torch.tensor(bounds, dtype=torch.float32)
+        self.names = names
+        limits = torch.tensor([ranges[name] for name in names], dtype=torch.float32)
         self.register_buffer("centre", limits.mean(1, keepdim=True), persistent=False)
         self.register_buffer("half_width", (limits[:, 1:] - limits[:, :1]) / 2.0, persistent=False)
 
@@ -65,10 +59,28 @@ class DimensionlessParameters(nn.Module):
         return len(self.names)
 
     def forward(self, parameters: Parameters) -> Float[Tensor, "inputs particles"]:
-        rows = [
-            torch.log(yield_strain(parameters)) if name == "yield_stress" else parameters[name] for name in self.names
-        ]
-        return (torch.stack(rows) - self.centre) / self.half_width
+        return (torch.stack([self._value(name, parameters) for name in self.names]) - self.centre) / self.half_width
+
+    def _value(self, name: str, parameters: Parameters) -> Float[Tensor, " particles"]:
+        return parameters[name]
+
+
+class DimensionlessParameters(StandardisedParameters):
+    """The physical parameters as inputs of a network: dimensionless and of order one.
+
+    A law divided by its moduli can depend on them only through dimensionless numbers: Poisson's ratio, the
+    friction angle and the yield strain tau_Y/(2 mu), which enters as a logarithm. Young's modulus alone does not
+    enter, so that a law holds for every stiffness. Standardised by the ranges of the material.
+    """
+
+    def __init__(self, ranges: Mapping[str, tuple[float, float]], names: tuple[str, ...]) -> None:
+        own = dict(ranges)
+        if "yield_stress" in own:
+            own["yield_stress"] = _yield_strain_range(ranges)
+        super().__init__(own, tuple(name for name in names if name != "youngs_modulus"))
+
+    def _value(self, name: str, parameters: Parameters) -> Float[Tensor, " particles"]:
+        return torch.log(yield_strain(parameters)) if name == "yield_stress" else parameters[name]
 
 
 def yield_strain(parameters: Parameters) -> Float[Tensor, " particles"]:

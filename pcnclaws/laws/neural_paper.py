@@ -6,36 +6,17 @@ rotation-equivariant output, a plastic network that adds a small change to the t
 singular values; here their symmetric functions carry the same information without a decomposition.
 """
 
-from collections.abc import Mapping
-
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from pcnclaws.laws.base import Elasticity, Plasticity
 from pcnclaws.laws.materials import Material
-from pcnclaws.laws.networks import ConditionalMLP
+from pcnclaws.laws.networks import ConditionalMLP, StandardisedParameters
 from pcnclaws.linalg3 import determinant, identity_like, inverse, left_stretch, matmul, trace, transpose
 from pcnclaws.tensor_types import Matrices, Parameters
 
 # Weight of the plastic network's output, as in NCLaws.
 PLASTIC_STEP = 1e-3
-
-
-class StandardisedParameters(nn.Module):
-    """Physical parameters scaled to [-1, 1] over the ranges of the material, one row each."""
-
-    centre: Tensor
-    half_width: Tensor
-
-    def __init__(self, ranges: Mapping[str, tuple[float, float]], names: tuple[str, ...]) -> None:
-        super().__init__()
-        self.names = names
-        limits = torch.tensor([ranges[name] for name in names], dtype=torch.float32)
-        self.register_buffer("centre", limits.mean(1, keepdim=True), persistent=False)
-        self.register_buffer("half_width", (limits[:, 1:] - limits[:, :1]) / 2.0, persistent=False)
-
-    def forward(self, parameters: Parameters) -> Tensor:
-        return (torch.stack([parameters[name] for name in self.names]) - self.centre) / self.half_width
 
 
 class PaperElasticNet(Elasticity):

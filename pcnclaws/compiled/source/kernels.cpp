@@ -55,6 +55,8 @@ template <class Work> int with_law(int number, const LawInput<T>& in, Work work)
                 return run(NeoHookean{});
             case 7:
                 return run(Tresca{});
+            case 8:
+                return run(NoPriorElasticNet{});
         }
         return false;
     });

@@ -127,6 +127,18 @@ struct ElasticNet {  // parameters: mu, lambda [Pa]
     }
 };
 
+struct NoPriorElasticNet : ElasticNet {  // parameter: unit of stress [Pa]
+    static constexpr int PARAMETERS = 1, OUTPUTS = 4;
+    template <class S> static void respond(const S h[3], const S*, const S* p, const S* f, S y[3]) {
+        S dev[3];
+        deviator(h, dev);
+        const S shear_squared = sum_of_squares(dev), third = shear_squared / 3.0;
+        const S a0 = softplus(f[0] + SOFTPLUS_ONE), a1 = softplus(f[1] + SOFTPLUS_ONE);
+        const S pressure = a0 * trace(h) + f[3] * shear_squared;
+        for (int i = 0; i < 3; i++) y[i] = p[0] * (a1 * dev[i] + f[2] * (square(dev[i]) - third) + pressure);
+    }
+};
+
 struct PlasticNet {  // parameter: strain that the limits are measured in
     static constexpr bool RETURN_MAP = true;
     static constexpr int PARAMETERS = 1, FEATURES = 3, OUTPUTS = 3;

@@ -1,0 +1,151 @@
+"""The default variant of the neural laws, `model=pcnclaws`.
+
+It puts into the structure what mechanics already knows: it is isotropic, dimensionless, free of
+stress at rest, keeps E and nu as the moduli of small strain, and its plastic update can release but never store
+Hencky energy, so that a rollout cannot blow up. The networks learn what is left: how the stiffness changes with
+strain, and the shape of the yield surface.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional
+
+from pcnclaws.laws.base import Elasticity, Plasticity
+from pcnclaws.laws.materials import Material
+from pcnclaws.laws.networks import ConditionalMLP, DimensionlessParameters, StandardisedParameters, yield_strain
+from pcnclaws.laws.parameters import lame_constants
+from pcnclaws.linalg3 import (
+    determinant,
+    deviator,
+    exp_symmetric,
+    hencky_strain,
+    identity_like,
+    matmul,
+    safe_norm,
+    trace,
+)
+from pcnclaws.tensor_types import Matrices, Parameters, Scalars
+
+# Strains are divided by this before they enter a network: the inputs are then of order one in soft bodies.
+STRAIN_SCALE = 0.1
+# Cohesion and tensile limit of the untrained law, as strains, where the material has no yield stress to scale them
+# with: such a material knows no stress beside its moduli, and is nearly free of cohesion unless training finds some.
+REFERENCE_YIELD_STRAIN = 1e-4
+# Largest factor e^12 between a limit and its reference.
+LARGEST_LOG = 12.0
+# softplus(SOFTPLUS_ONE) = 1
+SOFTPLUS_ONE = 0.5413248546129181
+
+
+class ElasticNet(Elasticity):
+    """Isotropic elasticity whose stiffness depends on strain through a network.
+
+    tau = 2 mu (g1 dev h + g2 dev(h^2)) + (K g0 tr h + 2 mu g3 |dev h|^2) I,   g0 = softplus(f0), g1 = softplus(f1)
+
+    f, g2, g3 depend on the invariants of h and on nu; at zero strain g0 = g1 = 1, so E and nu are the moduli of
+    small strain. An untrained network is the Hencky law. The stress need not be the derivative of an energy.
+    """
+
+    kernel = "ElasticNet"
+
+    def __init__(self, material: Material, width: int) -> None:
+        super().__init__()
+        self.parameter_names = material.elasticity.parameter_names
+        self.condition = DimensionlessParameters(material.ranges, self.parameter_names)
+        self.network = ConditionalMLP(3 + self.condition.count, 6, width)
+
+    def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
+        lam, mu = lame_constants(parameters)
+        return mu, lam, *self.condition(parameters)
+
+    def kernel_weights(self) -> Sequence[Tensor]:
+        return self.network.all_weights
+
+    def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
+        """Kirchhoff stress tau [Pa], (3, 3, particles), symmetric."""
+        lam, mu = lame_constants(parameters)
+        h = hencky_strain(deformation)
+        dev, volumetric = deviator(h), trace(h)
+        shear_squared = dev.square().sum((0, 1))
+        strain = bounded_invariants(dev, volumetric)
+        f = self.network(torch.cat((strain, self.condition(parameters))))
+
+        g0 = functional.softplus(SOFTPLUS_ONE + f[0] * strain[0] + f[1] * strain[1])
+        g1 = functional.softplus(SOFTPLUS_ONE + f[2] * strain[0] + f[3] * strain[1])
+        pressure = (lam + 2.0 / 3.0 * mu) * g0 * volumetric + 2.0 * mu * f[5] * shear_squared
+        shear = 2.0 * mu * g1 * dev + 2.0 * mu * f[4] * deviator(matmul(dev, dev))
+        return shear + identity_like(h) * pressure
+
+
+def bounded_invariants(dev: Matrices, volumetric: Scalars) -> Float[Tensor, "3 particles"]:
+    """tr h, |dev h|^2 and det dev h as inputs of a network.
+
+    Bounded: beyond a strain of order one the stiffness is held, not extrapolated.
+    """
+    shear_squared = dev.square().sum((0, 1)) / STRAIN_SCALE**2
+    strain = torch.stack((volumetric / STRAIN_SCALE, shear_squared, determinant(dev) / STRAIN_SCALE**3))
+    return strain / (1.0 + strain.square() / 100.0).sqrt()
+
+
+class PlasticNet(Plasticity):
+    """Radial return to a yield surface that a network describes.
+
+        tr h' = min(tr h, t),   |dev h'| = min(|dev h|, c + k max(-tr h', 0)),   F' = exp(h' - h) F
+
+    with the tensile limit t, cohesion c and friction k, all at least 0, from a network of the direction and size
+    of strain and of the physical parameters. Inside the surface F' = F to the last bit: there is no creep.
+    Both |dev h| and |tr h| can only shrink, so that the Hencky energy can only be released.
+    """
+
+    kernel = "PlasticNet"
+    conditioning: type[StandardisedParameters] = DimensionlessParameters
+
+    def __init__(self, material: Material, width: int) -> None:
+        super().__init__()
+        if material.plasticity is None:
+            raise ValueError(f"material '{material.name}' is purely elastic and has no plastic law")
+        self.parameter_names = material.plasticity.parameter_names
+        self.condition = self.conditioning(material.ranges, self.parameter_names)
+        self.network = ConditionalMLP(3 + self.condition.count, 3, width)
+
+    def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
+        return self._unit(parameters), *self.condition(parameters)
+
+    def kernel_weights(self) -> Sequence[Tensor]:
+        return self.network.all_weights
+
+    def return_map(self, trial: Matrices, parameters: Parameters) -> Matrices:
+        """Elastic deformation gradient after plastic flow [-], (3, 3, particles)."""
+        h = hencky_strain(trial)
+        dev, volumetric = deviator(h), trace(h)
+        shear = safe_norm(dev)
+        unit = self._unit(parameters)
+        tension, cohesion, friction = self._surface(dev, volumetric, shear, parameters)
+
+        volumetric_after = torch.minimum(volumetric, unit * tension)
+        limit = unit * cohesion + friction * (-volumetric_after).clamp_min(0.0)
+        kept = torch.minimum(shear, limit) / torch.where(shear > 0.0, shear, 1.0)
+        flow = torch.where(shear > limit, kept - 1.0, 0.0) * dev
+        flow = flow + identity_like(h) * ((volumetric_after - volumetric) / 3.0)
+        return matmul(exp_symmetric(flow), trial)
+
+    def _unit(self, parameters: Parameters) -> Scalars:
+        """The strain that tensile limit and cohesion are measured in."""
+        if "yield_stress" in self.parameter_names:
+            return yield_strain(parameters)
+        return torch.full_like(parameters["youngs_modulus"], REFERENCE_YIELD_STRAIN)
+
+    def _surface(
+        self, dev: Matrices, volumetric: Scalars, shear: Scalars, parameters: Parameters
+    ) -> tuple[Tensor, ...]:
+        """Tensile limit, cohesion (in yield strains) and friction."""
+        size = (shear.square() + volumetric.square() + 1e-8).sqrt()
+        direction = torch.stack((volumetric / size, 3.0 * determinant(dev) * 6.0**0.5 / (shear + 1e-4).pow(3)))
+        features = torch.cat((direction, size[None] / STRAIN_SCALE, self.condition(parameters)))
+        of_tension, of_cohesion, of_friction = self.network(features)
+        # limits are learned on a logarithmic scale: they may differ by orders of magnitude from the first guess
+        limits = torch.exp(LARGEST_LOG * torch.tanh(torch.stack((of_tension, of_cohesion)) * (4.0 / LARGEST_LOG)))
+        return limits[0], limits[1], functional.softplus(SOFTPLUS_ONE + 4.0 * of_friction)
