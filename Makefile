@@ -34,6 +34,8 @@ lint: $(INSTALLED) ## check style, types and the direction of imports
 	$(VENV)/bin/pyright
 	$(VENV)/bin/lint-imports
 
+include accuracy.mk
+
 clean: ## remove caches and built packages; keeps .venv and outputs
 	rm -rf build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache
 	find pcnclaws tests -name __pycache__ -type d -prune -exec rm -rf {} +

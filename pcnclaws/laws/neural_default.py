@@ -34,8 +34,6 @@ STRAIN_SCALE = 0.1
 # Cohesion and tensile limit of the untrained law, as strains, where the material has no yield stress to scale them
 # with: such a material knows no stress beside its moduli, and is nearly free of cohesion unless training finds some.
 REFERENCE_YIELD_STRAIN = 1e-4
-# Largest factor e^12 between a limit and its reference.
-LARGEST_LOG = 12.0
 # softplus(SOFTPLUS_ONE) = 1
 SOFTPLUS_ONE = 0.5413248546129181
 
@@ -93,11 +91,12 @@ def bounded_invariants(dev: Matrices, volumetric: Scalars) -> Float[Tensor, "3 p
 class PlasticNet(Plasticity):
     """Radial return to a yield surface that a network describes.
 
-        tr h' = min(tr h, t),   |dev h'| = min(|dev h|, c + k max(-tr h', 0)),   F' = exp(h' - h) F
+        tr h' = min(tr h, t),   |dev h'| = min(|dev h|, c + k K/(2 mu) max(-tr h', 0)),   F' = exp(h' - h) F
 
-    with the tensile limit t, cohesion c and friction k, all at least 0, from a network of the direction and size
-    of strain and of the physical parameters. Inside the surface F' = F to the last bit: there is no creep.
-    Both |dev h| and |tr h| can only shrink, so that the Hencky energy can only be released.
+    with the tensile limit t, cohesion c and friction k, all at least 0, from a network of the direction of strain and
+    of the physical parameters. K/(2 mu) makes k a ratio of stresses, |dev tau| over pressure, as friction is. Inside
+    the surface F' = F to the last bit: there is no creep. Both |dev h| and |tr h| can only shrink, so that the Hencky
+    energy can only be released.
     """
 
     kernel = "PlasticNet"
@@ -109,10 +108,10 @@ class PlasticNet(Plasticity):
             raise ValueError(f"material '{material.name}' is purely elastic and has no plastic law")
         self.parameter_names = material.plasticity.parameter_names
         self.condition = self.conditioning(material.ranges, self.parameter_names)
-        self.network = ConditionalMLP(3 + self.condition.count, 3, width)
+        self.network = ConditionalMLP(2 + self.condition.count, 3, width)
 
     def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
-        return self._unit(parameters), *self.condition(parameters)
+        return self._unit(parameters), self._strain_for_stress(parameters), *self.condition(parameters)
 
     def kernel_weights(self) -> Sequence[Tensor]:
         return self.network.all_weights
@@ -138,14 +137,19 @@ class PlasticNet(Plasticity):
             return yield_strain(parameters)
         return torch.full_like(parameters["youngs_modulus"], REFERENCE_YIELD_STRAIN)
 
+    def _strain_for_stress(self, parameters: Parameters) -> Scalars:
+        """Shear strain over volumetric strain where |dev tau| equals the pressure, K/(2 mu) [-]."""
+        lam, mu = lame_constants(parameters)
+        return (lam + 2.0 / 3.0 * mu) / (2.0 * mu)
+
     def _surface(
         self, dev: Matrices, volumetric: Scalars, shear: Scalars, parameters: Parameters
     ) -> tuple[Tensor, ...]:
-        """Tensile limit, cohesion (in yield strains) and friction."""
+        """Tensile limit, cohesion (both in yield strains) and friction (in strains)."""
         size = (shear.square() + volumetric.square() + 1e-8).sqrt()
         direction = torch.stack((volumetric / size, 3.0 * determinant(dev) * 6.0**0.5 / (shear + 1e-4).pow(3)))
-        features = torch.cat((direction, size[None] / STRAIN_SCALE, self.condition(parameters)))
-        of_tension, of_cohesion, of_friction = self.network(features)
-        # limits are learned on a logarithmic scale: they may differ by orders of magnitude from the first guess
-        limits = torch.exp(LARGEST_LOG * torch.tanh(torch.stack((of_tension, of_cohesion)) * (4.0 / LARGEST_LOG)))
-        return limits[0], limits[1], functional.softplus(SOFTPLUS_ONE + 4.0 * of_friction)
+        of_tension, of_cohesion, of_friction = self.network(torch.cat((direction, self.condition(parameters))))
+        # squares reach 0, where the logarithm of a limit would have to travel for ever
+        tension, cohesion = (1.0 + 4.0 * torch.stack((of_tension, of_cohesion))).square()
+        friction = functional.softplus(SOFTPLUS_ONE + 4.0 * of_friction)
+        return tension, cohesion, self._strain_for_stress(parameters) * friction

@@ -14,7 +14,7 @@ from torch.nn import functional
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.materials import Material
 from pcnclaws.laws.networks import ConditionalMLP, StandardisedParameters
-from pcnclaws.laws.neural_default import REFERENCE_YIELD_STRAIN, SOFTPLUS_ONE, PlasticNet, bounded_invariants
+from pcnclaws.laws.neural_default import SOFTPLUS_ONE, STRAIN_SCALE, PlasticNet, bounded_invariants
 from pcnclaws.linalg3 import deviator, hencky_strain, identity_like, matmul, trace
 from pcnclaws.tensor_types import Matrices, Parameters, Scalars
 
@@ -58,11 +58,15 @@ class NoPriorElasticNet(Elasticity):
 class NoPriorPlasticNet(PlasticNet):
     """The return of PlasticNet, whose network sees the physical parameters as they are.
 
-    Limits are measured in one constant strain: the yield strain of a material that has a yield stress must be learned.
+    Limits are measured in one constant strain, and friction is a ratio of strains: the yield strain of a material that
+    has a yield stress and what the moduli make of friction must be learned.
     """
 
     kernel = "PlasticNet"
     conditioning = StandardisedParameters
 
     def _unit(self, parameters: Parameters) -> Scalars:
-        return torch.full_like(parameters["youngs_modulus"], REFERENCE_YIELD_STRAIN)
+        return torch.full_like(parameters["youngs_modulus"], STRAIN_SCALE)
+
+    def _strain_for_stress(self, parameters: Parameters) -> Scalars:
+        return torch.ones_like(parameters["youngs_modulus"])

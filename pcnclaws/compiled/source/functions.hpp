@@ -36,12 +36,6 @@ template <class S> Differentiated<S> softplus(const S& a) {
     return chain(a, softplus(a.value), 1.0 / (1.0 + exponential(-a.value)));
 }
 
-inline V hyperbolic_tangent(V x) {
-    const V e = exponential(-2.0 * absolute(x));
-    const V size = (1.0 - e) / (1.0 + e);
-    return select(x < 0.0, -size, size);
-}
-
 // The root of a sum of squares, with derivative 0 where it is 0.
 template <class S> S safe_root(const S& squared) {
     const Mask positive = value_of(squared) > 0.0;

@@ -98,7 +98,7 @@ struct Tresca : Analytic {  // parameter: largest difference of two principal st
     }
 };
 
-constexpr double STRAIN_SCALE = 0.1, LARGEST_LOG = 12.0, SOFTPLUS_ONE = 0.5413248546129181;
+constexpr double STRAIN_SCALE = 0.1, SOFTPLUS_ONE = 0.5413248546129181;
 
 struct ElasticNet {  // parameters: mu, lambda [Pa]
     static constexpr bool RETURN_MAP = false;
@@ -139,9 +139,9 @@ struct NoPriorElasticNet : ElasticNet {  // parameter: unit of stress [Pa]
     }
 };
 
-struct PlasticNet {  // parameter: strain that the limits are measured in
+struct PlasticNet {  // parameters: strain that the limits are measured in, strain for stress (K/(2 mu))
     static constexpr bool RETURN_MAP = true;
-    static constexpr int PARAMETERS = 1, FEATURES = 3, OUTPUTS = 3;
+    static constexpr int PARAMETERS = 2, FEATURES = 2, OUTPUTS = 3;
     template <class S> static void features(const S h[3], S x[3]) {
         S dev[3];
         deviator(h, dev);
@@ -149,19 +149,18 @@ struct PlasticNet {  // parameter: strain that the limits are measured in
         const S size = square_root(square(shear) + square(volumetric) + 1e-8), softened = shear + 1e-4;
         x[0] = volumetric / size;
         x[1] = 7.348469228349534 * dev[0] * dev[1] * dev[2] / (softened * softened * softened);
-        x[2] = size / STRAIN_SCALE;
     }
-    // exp(LARGEST_LOG tanh(4 f / LARGEST_LOG))
+    // (1 + 4 f)^2
     template <class S> static S limit(const S& f) {
-        const V bend = hyperbolic_tangent(value_of(f) * (4.0 / LARGEST_LOG)), value = exponential(LARGEST_LOG * bend);
-        return chain(f, value, 4.0 * value * (1.0 - bend * bend));
+        const V root = 1.0 + 4.0 * value_of(f);
+        return chain(f, root * root, 8.0 * root);
     }
     template <class S> static void respond(const S h[3], const S*, const S* p, const S* f, S y[3]) {
         S dev[3];
         deviator(h, dev);
         const S volumetric = trace(h), shear = safe_root(sum_of_squares(dev)), zero = constant(V{}, shear);
         const S tension = p[0] * limit(f[0]), cohesion = p[0] * limit(f[1]),
-                friction = softplus(4.0 * f[2] + SOFTPLUS_ONE);
+                friction = p[1] * softplus(4.0 * f[2] + SOFTPLUS_ONE);
         const S after = select(value_of(volumetric) > value_of(tension), tension, volumetric);
         const S largest = cohesion + friction * select(value_of(after) < 0.0, -after, zero);
         const Mask flows = value_of(shear) > value_of(largest);

@@ -1,0 +1,72 @@
+# The rows of docs/results.md. `make accuracy` trains and evaluates what is missing; whatever was interrupted goes on
+# where it was. A row is a law: outputs/accuracy/<material>_<row>, its errors docs/results/accuracy/<material>/<row>.
+RESULTS := docs/results/accuracy
+LAWS := outputs/accuracy
+FAMILY := elasticity plasticine sand
+OUTSIDERS := neo_hookean tresca
+
+# options of the training of each row
+multi := training=thorough
+quick :=
+single := regime=single_scene training.iterations=400
+multi_paper := model=pcnclaws_paper training.iterations=400
+multi_positions := training=initial
+structure := training.iterations=0
+no_prior := model=pcnclaws_no_prior training.iterations=400
+scenes_4 := data.train_scenes=4
+scenes_8 := data.train_scenes=8
+scenes_24 := data.train_scenes=24
+seed_1 := seed=1
+seed_2 := seed=2
+
+# tasks that each row is asked for
+TASKS := reconstruction unseen long_term geometry unseen_motion resolution
+tasks_multi := $(TASKS) outside_range
+tasks_structure := $(TASKS) outside_range
+tasks_no_prior := $(TASKS) outside_range
+tasks_single := $(TASKS)
+tasks_multi_paper := $(TASKS)
+tasks_multi_positions := $(TASKS)
+tasks_quick := reconstruction unseen
+tasks_scenes_4 := unseen
+tasks_scenes_8 := unseen
+tasks_scenes_24 := unseen
+tasks_seed_1 := reconstruction unseen
+tasks_seed_2 := reconstruction unseen
+# a law of one scene is asked about its own one
+evaluation_single := task.scene=train-00
+evaluated_single := reconstruction long_term geometry unseen_motion
+
+# $(call row,material,row): its training and its tasks
+define row
+$(LAWS)/$(1)_$(2)/metrics.json: | $(INSTALLED)
+	$$(RUN) pcnclaws.train experiment=$(1)_multi $($(2)) output=$(LAWS)/$(1)_$(2) threads=1 \
+		data.folder=outputs/data/$(1)$(if $(filter scenes_%,$(2)),_$(2))
+
+$(RESULTS)/$(1)/$(2)/training.json: $(LAWS)/$(1)_$(2)/metrics.json
+	@mkdir -p $$(@D) && cp $$< $$@
+$(foreach task,$(tasks_$(2)),$(call evaluation,$(1),$(2),$(task)))
+ROWS += $(RESULTS)/$(1)/$(2)/training.json $(tasks_$(2):%=$(RESULTS)/$(1)/$(2)/%.json)
+endef
+
+# $(call evaluation,material,row,task): pictures stay beside the law; the analytic floor is measured once a material
+define evaluation
+
+$(RESULTS)/$(1)/$(2)/$(3).json: $(LAWS)/$(1)_$(2)/metrics.json
+	$$(RUN) pcnclaws.evaluate material=$(1) law=$(LAWS)/$(1)_$(2) task=$(3) threads=1 \
+		output=$(LAWS)/$(1)_$(2)/evaluation/$(3).json \
+		$(if $(filter $(3),$(evaluated_$(2))),$(evaluation_$(2))) \
+		$(if $(filter multi,$(2)),,picture=false floor=false)
+	@mkdir -p $$(@D) && cp $(LAWS)/$(1)_$(2)/evaluation/$(3).json $$@
+
+endef
+
+$(foreach material,$(FAMILY),$(foreach name,multi quick single multi_paper multi_positions structure no_prior \
+	scenes_4 scenes_8 scenes_24,$(eval $(call row,$(material),$(name)))))
+$(foreach name,seed_1 seed_2,$(eval $(call row,sand,$(name))))
+tasks_multi_positions := unseen reconstruction
+tasks_structure := unseen
+$(foreach material,$(OUTSIDERS),$(foreach name,multi_positions structure,$(eval $(call row,$(material),$(name)))))
+
+.PHONY: accuracy
+accuracy: $(ROWS) ## train and evaluate what docs/results.md lacks: hours, and it can be interrupted
