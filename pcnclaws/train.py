@@ -109,6 +109,8 @@ def _plan(config: DictConfig, start: str) -> SegmentPlan:
 def _check_every(config: DictConfig) -> tuple[int, list[str]]:
     """Iterations between two checks: the divisor of training.iterations nearest to training.check_every; a note."""
     wanted, iterations = whole_number(config, "training.check_every"), config.training.iterations
+    if iterations == 0:
+        return wanted, ["training.iterations=0: nothing is fitted, the run holds the structure of the law alone"]
     divisors = [n for n in range(1, iterations + 1) if iterations % n == 0]
     nearest = min(divisors, key=lambda n: abs(math.log(n / wanted)))
     note = f"checks every {nearest} iterations, which divides training.iterations={iterations}"

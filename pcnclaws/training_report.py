@@ -53,7 +53,8 @@ def write_report(
 ) -> None:
     """Tests the law before and after training, prints the table, and writes metrics.json and the pictures."""
     after = _results(report, report.trained, device, dtype, "test after training", console)
-    before = _results_or_none(report, device, dtype, console)
+    nothing_fitted = report.notes["iterations"] == 0
+    before = after if nothing_fitted else _results_or_none(report, device, dtype, console)
     published = _published(report.scenes.test)
     start = "positions only" if report.notes["positions_only"] else "segments from keyframes"
     title = f"{report.notes['material']}, {report.notes['regime']}, {start}: {len(after)} scenes"
@@ -118,9 +119,12 @@ def _metrics(
 
 def _pictures(report: Report, after: list[SceneResult], before: list[SceneResult]) -> list[Path]:
     history = report.fitted.history
+    others = leave_pictures(after, report.folder, "predicted", before)
+    if not history.loss:
+        return others
     loss = loss_curve(
         LossCurve(range(1, len(history.loss) + 1), history.loss),
         report.folder / "loss.png",
         LossCurve(history.check_iteration, history.check_mse),
     )
-    return [loss, *leave_pictures(after, report.folder, "predicted", before)]
+    return [loss, *others]

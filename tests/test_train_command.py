@@ -19,10 +19,11 @@ from training_bodies import recorded
 
 from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.laws.elasticity import NeoHookean
+from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.runs import CONFIG, METRICS, WEIGHTS, load_run
 from pcnclaws.train import train
 from pcnclaws.training.checkpoints import LAST, PREVIOUS, newest_checkpoint
-from pcnclaws.training.weights import read_weights
+from pcnclaws.training.weights import law_weights, read_weights
 
 SMALL = ("material=elasticity", "model.width=8", "training.batch_segments=2", "threads=1", "picture=false")
 SHORT = (
@@ -136,7 +137,7 @@ def test_wrong_input_is_one_line_and_leaves_nothing(
         ((file, "material=sand"), "parameters.friction_angle is missing"),
         ((file, "training.start=keyframe"), "did you mean 'keyframes'"),
         ((file, "training.learning_rate=0"), "training.learning_rate=0.0"),
-        ((file, "training.iterations=0"), "training.iterations=0"),
+        ((file, "training.iterations=-1"), "training.iterations=-1 is not accepted; accepted: a whole number from 0"),
         ((file, "regime.scene=1"), "regime.scene=1 is not accepted with regime=multi_scene"),
         ((file, "regime=single_scene", "regime.scene=body_9"), "regime.scene='body_9' is not known"),
         ((file, "model.width=0"), "model.width=0"),
@@ -146,6 +147,30 @@ def test_wrong_input_is_one_line_and_leaves_nothing(
         assert message in done.err
         assert len(done.err.splitlines()) == 1, done.err
         assert not (tmp_path / "run").exists(), option
+
+
+def test_without_iterations_the_run_holds_the_structure_of_the_law_alone(
+    in_process: Callable[..., Outcome], positions_only: Path, tmp_path: Path
+) -> None:
+    options = (*SMALL, f"data.trajectories={positions_only}", "picture=true", "training.iterations=0")
+    done = in_process(train, "train", *options, "output=run")
+    assert done.status == 0, done.err
+    assert "training.iterations=0: nothing is fitted" in done.out
+    metrics = json.loads((tmp_path / "run" / METRICS).read_text())
+    assert metrics["mse"] == metrics["mse_before_training"] > 0.0
+    assert metrics["history"]["loss"] == []
+    assert metrics["history"]["check_iteration"] == [0]
+    assert (metrics["training"]["iterations"], metrics["training"]["best_iteration"]) == (0, 0)
+    pictures = {path.name for path in (tmp_path / "run").glob("*.png")}
+    assert "predicted_body_3.png" in pictures
+    assert "loss.png" not in pictures
+
+    run = load_run(tmp_path / "run")
+    torch.manual_seed(0)
+    untrained = law_weights(build_neural_laws(run.material, {"name": "pcnclaws", "width": 8}))
+    weights = law_weights(run.laws)
+    assert all(torch.equal(weight, weights[name]) for name, weight in untrained.items())
+    assert "run holds this run, finished" in in_process(train, "train", *options, "output=run").out
 
 
 def test_a_run_of_one_scene_is_checked_with_it(

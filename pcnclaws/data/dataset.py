@@ -44,7 +44,7 @@ class SegmentBatch(NamedTuple):
 class SegmentPlan:
     """How the segments of a run are chosen.
 
-    iterations       number of batches
+    iterations       number of batches, 0 for none
     segments         segments of a batch
     start            'keyframes': segments begin at recorded full states; 'initial': at the first frame with F = I and
                      C = 0 (or the file's keyframe at step 0), which needs positions only
@@ -65,15 +65,15 @@ class SegmentPlan:
     def __post_init__(self) -> None:
         if self.start not in STARTS:
             raise unknown_name("training.start", self.start, STARTS)
-        for option, value in (
-            ("iterations", self.iterations),
-            ("batch_segments", self.segments),
-            ("segment_length.first", self.first),
-            ("segment_length.last", self.last),
-            ("loss_every", self.frame_every),
+        for option, value, least in (
+            ("iterations", self.iterations, 0),
+            ("batch_segments", self.segments, 1),
+            ("segment_length.first", self.first, 1),
+            ("segment_length.last", self.last, 1),
+            ("loss_every", self.frame_every, 1),
         ):
-            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
-                raise UserError(f"training.{option}={value} is not accepted; accepted: a whole number from 1")
+            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < least):
+                raise UserError(f"training.{option}={value} is not accepted; accepted: a whole number from {least}")
 
     def length(self, iteration: int, every: int, duration: int) -> int:
         """Length of the segments at an iteration [steps]: a multiple of `every`, at most `duration`.

@@ -16,6 +16,7 @@ from pcnclaws.training.callbacks import BestWeights, CheckpointEachCheck, Histor
 from pcnclaws.training.checkpoints import AtomicCheckpointIO, newest_checkpoint
 from pcnclaws.training.module import ConstitutiveModule
 from pcnclaws.training.progress import TrainingProgress
+from pcnclaws.training.weights import law_weights
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,14 @@ def fit(
     log_every: int = 10,
     console: Console | None = None,
 ) -> FitResult:
-    """Trains the module's laws and leaves the best weights in them.
+    """Trains the module's laws and leaves the best weights in them; without iterations, checks them as they are.
 
     folder    the run folder: checkpoints/ and tensorboard/ are written there, and an unfinished run is continued
     log_every iterations from one TensorBoard entry to the next
     raises    SimulationDiverged if no check of the run was finite
     """
+    if data.dataset.plan.iterations == 0:
+        return _untrained(module, data)
     console = console or Console()
     history, best = History(), BestWeights(module.laws)
     checkpoints = folder / "checkpoints"
@@ -70,6 +73,14 @@ def fit(
             "training failed: every check of the run diverged; "
             "lower training.learning_rate or train for more iterations"
         )
+    return FitResult(history, best, module.skipped)
+
+
+def _untrained(module: ConstitutiveModule, data: TrajectoryDataModule) -> FitResult:
+    """The laws as they are, with the error of one check."""
+    history, best = History(), BestWeights(module.laws)
+    best.mse, best.weights = module.rollout_error(data.validation), law_weights(module.laws)
+    history.check_iteration, history.check_mse = [0], [best.mse]
     return FitResult(history, best, module.skipped)
 
 
