@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.progress import Progress
 
@@ -25,7 +25,7 @@ from pcnclaws.evaluation.builtin import builtin_task, paper_errors, true_records
 from pcnclaws.evaluation.divergence import DivergedScene, survivors
 from pcnclaws.evaluation.floor import floor
 from pcnclaws.evaluation.frames import in_automatic_time_step
-from pcnclaws.evaluation.gallery import leave_map, leave_pictures
+from pcnclaws.evaluation.gallery import leave_map, leave_pictures, leave_sheet
 from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import Outcomes, metrics, results_table, survived, write_metrics
 from pcnclaws.evaluation.tasks import evaluate_records, require_material, steps_to_run
@@ -36,6 +36,8 @@ from pcnclaws.time_step import largest_speed, scene_cfl, stable_cfl, time_step_l
 FLOOR_WORDS = {"float64": "analytic law in double precision", "half_step": "and with half the time step"}
 # Width of the table where the output is not a terminal.
 PLAIN_WIDTH = 120
+# The task whose scenes are a map of parameters: shown as one, and too many for a curve of each.
+MAP = "outside_range"
 
 
 def evaluate(config: DictConfig) -> None:
@@ -53,10 +55,11 @@ def evaluate(config: DictConfig) -> None:
         "material": material.name,
         "law": str(config.law),
         "task": str(config.task.name),
+        "scene": _scene(config),
         "trajectories": config.trajectories,
     }
     origin = provenance(config.seed, device_from(config)) | {"precision": config.precision}
-    values = metrics(outcomes) | ({"floor": floors} if floors else {})
+    values = metrics(outcomes, curves=config.task.name != MAP) | ({"floor": floors} if floors else {})
     write_metrics(output, source | values | {"provenance": origin})
     print(f"wrote {output}")
 
@@ -74,7 +77,7 @@ def _on_task(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str
         raise UserError(
             f"trajectories={config.trajectories} does not go with task={config.task.name}; accepted: one of the two"
         )
-    task = builtin_task(config.task.name, material)
+    task = builtin_task(config.task.name, material, _scene(config))
     # that a map goes outside the training data needs no warning
     laws = laws_for(str(config.law), material, [] if task.may_diverge else [start.parameters for start in task.starts])
     device, skips = device_from(config), skips_from(config)
@@ -107,10 +110,19 @@ def _simulated(config: DictConfig, records: list[SceneRecord], laws: Laws, may_d
 
 
 def _pictures(config: DictConfig, outcomes: Outcomes, material: Material, output: Path) -> list[Path]:
-    if config.task.name == "outside_range":
-        title = f"{material.name}, law {Path(str(config.law)).name}"
+    if config.task.name == "file":
+        return leave_pictures(survived(outcomes), output.parent, output.stem)
+    task = " ".join(filter(None, (config.task.name.replace("_", " "), _scene(config))))
+    title = f"{material.name.replace('_', '-')}, law {Path(str(config.law)).name}, {task}"
+    if config.task.name == MAP:
         return leave_map(outcomes, material, title, output.parent, output.stem)
-    return leave_pictures(survived(outcomes), output.parent, output.stem)
+    return leave_sheet(survived(outcomes), title, output.parent, output.stem)
+
+
+def _scene(config: DictConfig) -> str | None:
+    """The training scene of `task.scene=`; None without one, and for tasks that have none."""
+    scene = OmegaConf.select(config, "task.scene")
+    return None if scene is None else str(scene)
 
 
 def _file_records(config: DictConfig, material: Material) -> list[SceneRecord]:

@@ -13,13 +13,15 @@ from rich.console import Console
 
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import SimulationDiverged, UserError
+from pcnclaws.evaluation import gallery
 from pcnclaws.evaluation.builtin import builtin_task, paper_errors
-from pcnclaws.evaluation.gallery import leave_pictures
+from pcnclaws.evaluation.gallery import leave_pictures, leave_sheet
 from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import metrics, results_table, write_metrics
 from pcnclaws.evaluation.tasks import evaluate_records, steps_to_run
 from pcnclaws.laws.materials import MATERIALS, analytic_laws
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.rendering.comparison_sheet import Pair
 
 ANALYTIC = analytic_laws(MATERIALS["sand"])
 
@@ -129,7 +131,12 @@ def test_metrics_are_means_over_scenes_and_survive_the_way_through_json(
     assert read["mse"] == pytest.approx((results[0].mse + results[1].mse) / 2)
     assert read["mse_sum"] == pytest.approx(3 * read["mse"])
     assert [scene["name"] for scene in read["scenes"]] == ["a", "b"]
-    assert read["scenes"][0]["mse_by_frame"] == results[0].mse_by_frame.tolist()
+    assert read["scenes"][0]["mse"] == results[0].mse
+    for curve in ("time", "mse_by_frame"):
+        values = read["scenes"][0][curve]
+        assert values == pytest.approx(getattr(results[0], curve).tolist(), rel=6e-4)
+        assert max(len(f"{value:.12g}".partition("e")[0].strip("0.")) for value in values) <= 5
+    assert "time" not in metrics(results, curves=False)["scenes"][0]
     assert read["scenes"][1]["stress_error"] is None
     assert read["bad"] is None
     assert read["p"]["seed"] == 3
@@ -151,6 +158,25 @@ def test_the_gallery_keeps_strange_scene_names_out_of_file_names(records: list[S
     names = [path.name for path in leave_pictures(result, tmp_path, "x", before=result)]
     assert names == ["x_wet_.._sand_1.png", "x_error_over_time.png", "x_wet_.._sand_1.gif"]
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+
+
+def test_a_sheet_of_many_scenes_holds_the_worst_ones(
+    records: list[SceneRecord], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[list[str]] = []
+
+    def note(pairs: list[Pair], path: Path, title: str) -> Path:
+        shown.append([pair.true.name for pair in pairs])
+        assert "of 8 scenes the 6 with the largest errors" in title
+        return path
+
+    monkeypatch.setattr(gallery, "comparison_sheet", note)
+    (result,) = evaluate_records(records[:1], softer_sand())
+    mse = [3e-6, 1e-6, 9e-6, 4e-6, 2e-6, 7e-6, 8e-6, 5e-6]
+    results = [replace(result, true=replace(result.true, name=str(k)), mse=value) for k, value in enumerate(mse)]
+    paths = leave_sheet(results, "sand", tmp_path, "x")
+    assert shown == [["0", "2", "3", "5", "6", "7"]]
+    assert [path.name for path in paths] == ["x_sheet.png", "x_error_over_time.png", "x.gif"]
 
 
 def test_unseen_are_the_papers_objects_and_reconstruction_the_training_scenes() -> None:

@@ -13,6 +13,7 @@ from pcnclaws.data.placement import require_inside
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.sampling import DataSetPlan
 from pcnclaws.data.scenes import SceneStart
+from pcnclaws.errors import UserError
 from pcnclaws.evaluate import evaluate
 from pcnclaws.evaluation.builtin import TASKS, BuiltinTask, builtin_task, true_records
 from pcnclaws.evaluation.divergence import DivergedScene, survivors
@@ -100,6 +101,34 @@ def test_unseen_motions_are_no_motions_of_the_training_and_two_are_faster_than_a
     assert spins[-2:] == pytest.approx([6.0, 6.0])
     assert max(np.linalg.norm(other.velocity.mean(0)) for other in known) < 3.01
     assert max(np.linalg.norm(spin_of(other)) for other in known) < 4.01
+
+
+@pytest.mark.parametrize("task", ["reconstruction", "long_term"])
+def test_a_law_of_one_scene_is_tested_on_the_motion_of_that_scene_alone(task: str) -> None:
+    whole, own = (builtin_task(task, MATERIALS["sand"], scene) for scene in (None, "train-03"))
+    assert [start.name for start in own.starts] == ["train-03"]
+    assert own.steps == whole.steps
+    np.testing.assert_array_equal(own.starts[0].velocity, whole.starts[3].velocity)
+
+
+@pytest.mark.parametrize("material", sorted(MATERIALS))
+@pytest.mark.parametrize("task", ["geometry", "unseen_motion"])
+def test_a_law_of_one_scene_is_tested_with_the_parameters_of_that_scene(task: str, material: str) -> None:
+    whole = builtin_task(task, MATERIALS[material])
+    for known in builtin_task("reconstruction", MATERIALS[material]).starts:
+        own = builtin_task(task, MATERIALS[material], known.name)
+        assert [start.name for start in own.starts] == [start.name for start in whole.starts]
+        for one, other in zip(own.starts, whole.starts, strict=True):
+            assert one.parameters == known.parameters
+            np.testing.assert_array_equal(one.velocity, other.velocity)
+            assert cfl(one) < stable_cfl(material, one.parameters["poissons_ratio"])
+
+
+def test_scenes_that_are_not_there_and_tasks_without_them_are_refused() -> None:
+    with pytest.raises(UserError, match=r"task\.scene='trian-03' .*did you mean 'train-03'"):
+        builtin_task("geometry", MATERIALS["sand"], "trian-03")
+    with pytest.raises(UserError, match="does not go with task=unseen"):
+        builtin_task("unseen", MATERIALS["sand"], "train-03")
 
 
 def test_the_resolution_is_finer_at_the_same_times() -> None:
@@ -240,7 +269,7 @@ def test_the_map_shows_errors_and_hatches_what_diverged(record: SceneRecord, tmp
     survived = [replace(result, true=replace(result.true, name=start.name)) for start in starts[:30]]
     diverged = [DivergedScene(start.name, start.parameters, "it left") for start in starts[30:]]
     paths = leave_map([*survived, *diverged], material, "elasticity", tmp_path, "x")
-    assert [path.name for path in paths] == ["x_map.png", f"x_{starts[0].name}.png"]
+    assert [path.name for path in paths] == ["x_map.png", "x_sheet.png"]
     with Image.open(paths[0]) as picture:
         pixels = np.asarray(picture.convert("RGB")).astype(int)
     coloured = np.ptp(pixels, axis=2) > 60
@@ -262,6 +291,20 @@ def test_cells_end_halfway_between_points_by_difference_or_by_factor() -> None:
     np.testing.assert_allclose(cell_edges(geometric), [5e3, 2e4, 8e4, 3.2e5])
     across = map_axis(MATERIALS["sand"], "youngs_modulus")
     np.testing.assert_allclose(across[1:] / across[:-1], (across[-1] / across[0]) ** 0.2, rtol=1e-3)
+
+
+def test_the_command_evaluates_in_one_scene_and_leaves_a_sheet(in_process, tmp_path: Path) -> None:
+    arguments = ("material=elasticity", "law=analytic", "task=reconstruction", "floor=false", "output=m.json")
+    outcome = in_process(evaluate, "evaluate", *arguments, "task.scene=train-02")
+    assert outcome.status == 0, outcome.err
+    found = json.loads((tmp_path / "m.json").read_text())
+    assert (found["scene"], [scene["name"] for scene in found["scenes"]]) == ("train-02", ["train-02"])
+    assert {path.name for path in tmp_path.iterdir()} == {"m.json", "m_sheet.png", "m_error_over_time.png", "m.gif"}
+    for name, message in (("train-2", "did you mean 'train-"), ("3", "task.scene='3' is not known")):
+        refused = in_process(evaluate, "evaluate", *arguments, f"task.scene={name}", "output=n.json")
+        assert (refused.status, len(refused.err.splitlines())) == (2, 1)
+        assert message in refused.err
+    assert in_process(evaluate, "evaluate", *arguments, "task=unseen", "task.scene=train-02").status == 2
 
 
 def test_the_command_reports_the_floor_of_a_built_in_task(in_process, tmp_path: Path) -> None:

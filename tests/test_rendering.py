@@ -12,6 +12,7 @@ from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import UserError
 from pcnclaws.rendering.animation import animation
 from pcnclaws.rendering.camera import Camera
+from pcnclaws.rendering.comparison_sheet import Pair, comparison_sheet
 from pcnclaws.rendering.curves import ErrorCurve, LossCurve, error_over_time, loss_curve
 from pcnclaws.rendering.labels import material_label
 from pcnclaws.rendering.pictures import camera_for, panel, predicted_beside_true, trajectory_picture
@@ -102,6 +103,20 @@ def test_equal_trajectories_and_single_frames_make_pictures_too(record: SceneRec
     assert predicted_beside_true(record, record, tmp_path / "same.png").stat().st_size > 0
     first = replace(record, time=record.time[:1], position=record.position[:1])
     assert trajectory_picture(first, tmp_path / "one.png").stat().st_size > 0
+
+
+def test_the_comparison_sheet_colours_what_is_far_off_and_stays_small(record: SceneRecord, tmp_path: Path) -> None:
+    pairs = [Pair(record, record), Pair(record, moved(record, 0.02))]
+    path = comparison_sheet(pairs, tmp_path / "s.png", "sand")
+    with Image.open(path) as picture:
+        pixels = np.asarray(picture.convert("RGB")).astype(int)
+    assert pixels.shape[1] == 1600
+    assert path.stat().st_size < 500_000
+    purple = pixels[..., 2] > pixels[..., 1] + 40
+    top, middle = 40, len(pixels) // 2
+    assert purple[top:middle].sum() == 0
+    assert purple[middle:-50].sum() > 1000
+    assert comparison_sheet(pairs[:1], tmp_path / "one.png", "").stat().st_size > 0
 
 
 def test_animation_is_small_lasts_as_asked_and_loops(record: SceneRecord, tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """The built-in tasks: scenes that everybody has without a file, and how their true motion is recorded."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -12,7 +12,7 @@ from pcnclaws.data.reference_objects import reference_objects
 from pcnclaws.data.sampling import DataSetPlan, Motion, draw_motions, planned_scenes
 from pcnclaws.data.scenes import SceneStart, group_by_settings, simulate_records
 from pcnclaws.data.shapes import PointCloud, particles, spin_velocity
-from pcnclaws.errors import unknown_name
+from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.evaluation.divergence import DivergedScene, survivors
 from pcnclaws.evaluation.parameter_map import map_settings, map_starts
 from pcnclaws.laws.materials import Material, analytic_laws
@@ -58,11 +58,16 @@ class BuiltinTask:
         return len(self.starts) if self.may_diverge else self.steps * len(group_by_settings(self.starts))
 
 
-def builtin_task(name: str, material: Material) -> BuiltinTask:
-    """The built-in task of that name; UserError for an unknown one."""
+def builtin_task(name: str, material: Material, scene: str | None = None) -> BuiltinTask:
+    """The built-in task of that name.
+
+    scene   name of a training scene: the task as it is for a law that was trained on that scene alone
+    raises  UserError for an unknown name, and for a task that has no training scenes
+    """
     if name not in TASKS:
         raise unknown_name("task", name, ["file", *TASKS])
-    return TASKS[name](material)
+    task = TASKS[name](material)
+    return task if scene is None else _in_scene(name, task, material, scene)
 
 
 def true_records(
@@ -146,6 +151,19 @@ def _training(plan: DataSetPlan) -> list[SceneStart]:
     return planned_scenes(plan)["train"]
 
 
+def _in_scene(name: str, task: BuiltinTask, material: Material, scene: str) -> BuiltinTask:
+    """The training scene alone where the task is made of such, else all bodies of the task with its parameters."""
+    if name not in SCENE_TASKS:
+        raise UserError(f"task.scene={scene} does not go with task={name}; accepted with: {', '.join(SCENE_TASKS)}")
+    known = {start.name: start for start in _training(DataSetPlan(material))}
+    if scene not in known:
+        raise unknown_name("task.scene", scene, known)
+    if name in OF_TRAINING_SCENES:
+        return replace(task, starts=[start for start in task.starts if start.name == scene])
+    parameters = known[scene].parameters
+    return replace(task, starts=[replace(start, parameters=parameters) for start in task.starts])
+
+
 def _start(name: str, known: SceneStart, body: PointCloud, motion: Motion) -> SceneStart:
     """A scene with the parameters of a known one, another body or another motion."""
     require_inside(body.position, known.settings, f"scene '{name}'")
@@ -162,3 +180,6 @@ TASKS: dict[str, Callable[[Material], BuiltinTask]] = {
     "resolution": _resolution,
     "outside_range": _outside_range,
 }
+# Tasks that `scene` reduces to one training scene, and those in which it gives all bodies its parameters.
+OF_TRAINING_SCENES = ("reconstruction", "long_term")
+SCENE_TASKS = (*OF_TRAINING_SCENES, "geometry", "unseen_motion")

@@ -8,6 +8,7 @@ from pcnclaws.evaluation.report import Outcomes, survived
 from pcnclaws.evaluation.tasks import SceneResult
 from pcnclaws.laws.materials import Material
 from pcnclaws.rendering.animation import animation
+from pcnclaws.rendering.comparison_sheet import Pair, comparison_sheet
 from pcnclaws.rendering.curves import ErrorCurve, error_over_time
 from pcnclaws.rendering.maps import error_map
 from pcnclaws.rendering.pictures import predicted_beside_true
@@ -34,20 +35,39 @@ def leave_pictures(
     return [*sheets, curves, animation(first.true, first.predicted, folder / f"{stem}_{_safe(first.name)}.gif")]
 
 
-def leave_map(outcomes: Outcomes, material: Material, title: str, folder: Path, stem: str) -> list[Path]:
-    """Pictures of the map of parameters: the errors of all its scenes, and the worst scene, true and predicted.
+def leave_sheet(results: Sequence[SceneResult], title: str, folder: Path, stem: str) -> list[Path]:
+    """Pictures of a built-in task: its scenes on one sheet, error over time, and an animation of the worst scene.
 
-    returns  <folder>/<stem>_map.png, <stem>_<worst scene>.png
+    returns  <folder>/<stem>_sheet.png, <stem>_error_over_time.png, <stem>.gif
+    """
+    worst = max(results, key=lambda result: result.mse)
+    return [
+        _sheet(results, title, folder, stem),
+        error_over_time(_curves(results), folder / f"{stem}_error_over_time.png"),
+        animation(worst.true, worst.predicted, folder / f"{stem}.gif"),
+    ]
+
+
+def leave_map(outcomes: Outcomes, material: Material, title: str, folder: Path, stem: str) -> list[Path]:
+    """Pictures of the map of parameters: the errors of all its scenes, and the worst scenes, true and predicted.
+
+    returns  <folder>/<stem>_map.png, <stem>_sheet.png
     """
     mse: dict[str, float | None] = dict.fromkeys(outcome.name for outcome in outcomes)
     results = survived(outcomes)
     mse |= {result.name: result.mse for result in results}
-    sheets = [error_map(error_maps(material, mse), folder / f"{stem}_map.png", title)]
-    if results:
-        worst = max(results, key=lambda result: result.mse)
-        picture = folder / f"{stem}_{_safe(worst.name)}.png"
-        sheets.append(predicted_beside_true(worst.true, worst.predicted, picture))
-    return sheets
+    pictures = [error_map(error_maps(material, mse), folder / f"{stem}_map.png", title)]
+    return [*pictures, _sheet(results, title, folder, stem)] if results else pictures
+
+
+def _sheet(results: Sequence[SceneResult], title: str, folder: Path, stem: str) -> Path:
+    """Of more scenes than a sheet shows, those with the largest errors."""
+    shown = results
+    if len(results) > MOST_SHEETS:
+        least = sorted((result.mse for result in results), reverse=True)[MOST_SHEETS - 1]
+        shown = [result for result in results if result.mse >= least][:MOST_SHEETS]
+        title = f"{title}: of {len(results)} scenes the {MOST_SHEETS} with the largest errors"
+    return comparison_sheet([Pair(one.true, one.predicted) for one in shown], folder / f"{stem}_sheet.png", title)
 
 
 def _curves(results: Sequence[SceneResult]) -> list[ErrorCurve]:

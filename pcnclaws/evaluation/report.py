@@ -33,17 +33,20 @@ SHORT = {
     "yield_stress": ("tau_Y [kPa]", 1e-3),
 }
 
+# Significant digits of curves.
+CURVE_DIGITS = 4
 LONGEST_NAME = 24
 # Of more scenes than this, a table shows only the worst ones.
 LONGEST_TABLE, WORST = 40, 10
 
 
-def metrics(outcomes: Outcomes) -> dict[str, Any]:
+def metrics(outcomes: Outcomes, curves: bool = True) -> dict[str, Any]:
     """Errors of the scenes and their means, as plain values for a JSON file.
 
     {"mse", "mse_sum", "rms_percent", "stress_error", "energy_error", "scenes": [{"name", "parameters", ...}], "units"};
     null where a value does not exist. A scene that diverged has no errors but "diverged", which says how; the means
     are those of the others.
+    curves  whether each scene has its "time" and "mse_by_frame", rounded to CURVE_DIGITS
     """
     results = survived(outcomes)
     return {
@@ -52,7 +55,7 @@ def metrics(outcomes: Outcomes) -> dict[str, Any]:
         "rms_percent": _mean_if_any([result.rms_percent for result in results]),
         "stress_error": _mean_if_any([result.stress_error for result in results]),
         "energy_error": _mean_if_any([result.energy_error for result in results]),
-        "scenes": [_scene_metrics(outcome) for outcome in outcomes],
+        "scenes": [_scene_metrics(outcome) | (_curve(outcome) if curves else {}) for outcome in outcomes],
         "units": UNITS,
     }
 
@@ -147,8 +150,18 @@ def _scene_metrics(outcome: SceneResult | DivergedScene) -> dict[str, Any]:
     values = {"name": outcome.name, "parameters": dict(outcome.parameters)}
     if isinstance(outcome, DivergedScene):
         return values | dict.fromkeys(errors) | {"diverged": outcome.message}
-    curve = {"time": outcome.time.tolist(), "mse_by_frame": outcome.mse_by_frame.tolist()}
-    return values | {error: getattr(outcome, error) for error in errors} | curve
+    return values | {error: getattr(outcome, error) for error in errors}
+
+
+def _curve(outcome: SceneResult | DivergedScene) -> dict[str, list[float]]:
+    """The error over time of a scene, in few digits: enough for a picture, and a file that stays small."""
+    if isinstance(outcome, DivergedScene):
+        return {}
+    return {"time": _rounded(outcome.time), "mse_by_frame": _rounded(outcome.mse_by_frame)}
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    return [float(f"{value:.{CURVE_DIGITS}g}") for value in values.tolist()]
 
 
 def _numbers_on_one_line(text: str) -> str:

@@ -2,21 +2,19 @@
 
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from pcnclaws.data.atomic import replaced_file
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.rendering.camera import Camera
-from pcnclaws.rendering.labels import material_label
+from pcnclaws.rendering.labels import FONT, material_label
 from pcnclaws.rendering.pictures import camera_for, panel
 
 PANEL_WIDTH, HEADER = 220, 36  # pixels
 COLOURS_IN_FILE = 48
 PAUSE_AT_END = 0.8  # s
 INK = (40, 40, 40)
-FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
 
 
 def animation(

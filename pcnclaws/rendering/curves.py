@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 from pcnclaws.data.atomic import replaced_file
 
 DPI = 150
-LOWEST_SHOWN = 1e-9
-COLOURS = (*TABLEAU_COLORS.values(), "black", "navy")  # one for each of twelve scenes
+LOWEST_SHOWN = 1e-7
+COLOURS = tuple(TABLEAU_COLORS.values())
+AFTER, BEFORE = "tab:blue", "0.45"
 
 
 class ErrorCurve(NamedTuple):
@@ -38,28 +39,24 @@ class LossCurve(NamedTuple):
 
 
 def error_over_time(after: Sequence[ErrorCurve], path: Path, before: Sequence[ErrorCurve] = ()) -> Path:
-    """Error over time of several scenes, on a logarithmic axis.
+    """Error over time of several scenes and their mean, on a logarithmic axis.
 
     after   curves of the law at hand
-    before  the same scenes before training, drawn thin and dashed in the same colours
+    before  the same scenes before training
     """
     figure, axis = _figure()
-    colour = {curve.label: COLOURS[k % len(COLOURS)] for k, curve in enumerate(after)}
-    for curve in before:
-        axis.plot(curve.time, _positive(curve.mse), "--", color=colour.get(curve.label, "0.5"), linewidth=1.0)
-    for curve in after:
-        axis.plot(curve.time, _positive(curve.mse), color=colour[curve.label], linewidth=1.8, label=curve.label)
     if before:
-        axis.plot([], [], "--", color="0.4", linewidth=1.0, label="before training")
+        _draw_curves(axis, before, BEFORE, "before training")
+    _draw_curves(axis, after, AFTER, "")
     _decorate(axis, "time [s]", "position error MSE [m²]")
     axis.set_xlim(0.0, 1.02 * max(float(curve.time[-1]) for curve in after) or 1.0)
     highest = max((float(np.nanmax(curve.mse)) for curve in (*after, *before)), default=0.0)
     if highest > 0.0:  # before contact there is nothing but rounding
         axis.set_ylim(bottom=max(axis.get_ylim()[0], LOWEST_SHOWN * highest))
+        axis.legend(fontsize=8, frameon=False, loc="lower right")
     else:
         axis.text(0.5, 0.5, "no error in any frame", ha="center", color="0.4", transform=axis.transAxes)
         axis.set_yticks([])
-    axis.legend(fontsize=8, frameon=False, ncols=1 + (len(after) > 6))
     return _save(figure, path)
 
 
@@ -83,6 +80,26 @@ def loss_curve(training: LossCurve, path: Path, validation: LossCurve | None = N
     _decorate(axis, "iteration", "MSE [m²]")
     axis.legend(fontsize=8, frameon=False)
     return _save(figure, path)
+
+
+def _draw_curves(axis: Axes, curves: Sequence[ErrorCurve], colour: str, when: str) -> None:
+    """A thin line for each scene and a thick one for their mean; the worst scene has its name at its end."""
+    several = len(curves) > 1
+    words = [f"each of {len(curves)} scenes" if several else curves[0].label, *([when] if when else [])]
+    for number, curve in enumerate(curves):
+        style: dict[str, Any] = {"linewidth": 0.7, "alpha": 0.55} if several else {"linewidth": 1.8}
+        label = None if number else ", ".join(words)
+        axis.plot(curve.time, _positive(curve.mse), color=colour, label=label, **style)
+    if not several:
+        return
+    if all(np.array_equal(curve.time, curves[0].time) for curve in curves):
+        label = ", ".join(["mean", *words[1:]])
+        mean = np.mean([curve.mse for curve in curves], axis=0)
+        axis.plot(curves[0].time, _positive(mean), color=colour, linewidth=2.2, label=label)
+    worst = max(curves, key=lambda curve: float(np.nan_to_num(curve.mse[-1])))
+    if worst.mse[-1] > 0.0:
+        place = (float(worst.time[-1]), float(worst.mse[-1]))
+        axis.annotate(worst.label, place, (-2, 4), textcoords="offset points", ha="right", fontsize=7, color=colour)
 
 
 def _running_median(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,12 @@
 """Words and colours of pictures."""
 
 from collections.abc import Mapping
+from pathlib import Path
 
+import matplotlib
+
+# Letters of the pictures that are not drawn by matplotlib.
+FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
 COLOURS = {"sand": (0.90, 0.74, 0.45), "plasticine": (0.86, 0.50, 0.42), "elasticity": (0.45, 0.66, 0.88)}
 OTHER_COLOUR = (0.62, 0.66, 0.70)
 
@@ -14,8 +19,8 @@ _SHORT = {
 
 
 def material_label(material: str, parameters: Mapping[str, float]) -> str:
-    """Material and parameters in short, such as 'sand, E 370 kPa, ν 0.18, φ 30°'."""
-    words = [material]
+    """Material and parameters in short, such as 'sand, E 370 kPa, ν 0.18, φ 30°'; parameters alone if it is empty."""
+    words = [material] if material else []
     for name, value in parameters.items():
         symbol, scale, unit = _SHORT.get(name, (name, 1.0, ""))
         words.append(f"{symbol} {value * scale:.3g}{unit}")
