@@ -9,7 +9,7 @@ OUTSIDERS := neo_hookean tresca
 multi := training=thorough
 quick :=
 single := regime=single_scene training.iterations=400
-multi_paper := model=pcnclaws_paper training.iterations=400
+multi_paper := model=pcnclaws_paper
 multi_positions := training=initial
 structure := training.iterations=0
 no_prior := model=pcnclaws_no_prior training.iterations=400
@@ -20,19 +20,21 @@ seed_1 := seed=1
 seed_2 := seed=2
 
 # tasks that each row is asked for
-TASKS := reconstruction unseen long_term geometry unseen_motion resolution
-tasks_multi := $(TASKS) outside_range
-tasks_structure := $(TASKS) outside_range
-tasks_no_prior := $(TASKS) outside_range
+TASKS := reconstruction unseen long_term geometry unseen_motion resolution outside_range
+PAPER_TASKS := reconstruction unseen long_term geometry
+BRIEF := reconstruction unseen
+tasks_multi := $(TASKS)
 tasks_single := $(TASKS)
-tasks_multi_paper := $(TASKS)
-tasks_multi_positions := $(TASKS)
-tasks_quick := reconstruction unseen
+tasks_multi_paper := $(PAPER_TASKS)
+tasks_multi_positions := $(BRIEF)
+tasks_structure := $(PAPER_TASKS)
+tasks_no_prior := $(PAPER_TASKS)
+tasks_quick := $(BRIEF)
 tasks_scenes_4 := unseen
 tasks_scenes_8 := unseen
 tasks_scenes_24 := unseen
-tasks_seed_1 := reconstruction unseen
-tasks_seed_2 := reconstruction unseen
+tasks_seed_1 := $(BRIEF)
+tasks_seed_2 := $(BRIEF)
 # a law of one scene is asked about its own one
 evaluation_single := task.scene=train-00
 evaluated_single := reconstruction long_term geometry unseen_motion
@@ -61,12 +63,12 @@ $(RESULTS)/$(1)/$(2)/$(3).json: $(LAWS)/$(1)_$(2)/metrics.json
 
 endef
 
-$(foreach material,$(FAMILY),$(foreach name,multi quick single multi_paper multi_positions structure no_prior \
-	scenes_4 scenes_8 scenes_24,$(eval $(call row,$(material),$(name)))))
-$(foreach name,seed_1 seed_2,$(eval $(call row,sand,$(name))))
-tasks_multi_positions := unseen reconstruction
-tasks_structure := unseen
-$(foreach material,$(OUTSIDERS),$(foreach name,multi_positions structure,$(eval $(call row,$(material),$(name)))))
+# $(call rows,names,materials)
+rows = $(foreach name,$(1),$(foreach material,$(2),$(eval $(call row,$(material),$(name)))))
+$(call rows,multi single,$(FAMILY))
+$(call rows,multi_positions structure,$(FAMILY) $(OUTSIDERS))
+$(call rows,no_prior multi_paper quick scenes_4 scenes_8 scenes_24,$(FAMILY))
+$(call rows,seed_1 seed_2,sand)
 
 .PHONY: accuracy
 accuracy: $(ROWS) ## train and evaluate what docs/results.md lacks: hours, and it can be interrupted
