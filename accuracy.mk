@@ -5,6 +5,11 @@ LAWS := outputs/accuracy
 FAMILY := elasticity plasticine sand
 OUTSIDERS := neo_hookean tresca
 
+# pictures of -M that the page shows
+shown_unseen := sheet
+shown_geometry := sheet
+shown_outside_range := map
+
 # options of the training of each row
 multi := training=thorough
 quick :=
@@ -60,6 +65,7 @@ $(RESULTS)/$(1)/$(2)/$(3).json: $(LAWS)/$(1)_$(2)/metrics.json
 		$(if $(filter $(3),$(evaluated_$(2))),$(evaluation_$(2))) \
 		$(if $(filter multi,$(2)),,picture=false floor=false)
 	@mkdir -p $$(@D) && cp $(LAWS)/$(1)_$(2)/evaluation/$(3).json $$@
+$(if $(filter multi,$(2)),$(foreach kind,$(shown_$(3)),	@cp $(LAWS)/$(1)_$(2)/evaluation/$(3)_$(kind).png $$(@D)))
 
 endef
 
