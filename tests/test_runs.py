@@ -55,8 +55,8 @@ def test_a_run_folder_gives_back_its_laws(run: Path) -> None:
 
 def test_law_names() -> None:
     assert isinstance(laws_for("analytic", MATERIALS["elasticity"]).elasticity, FixedCorotated)
-    with pytest.raises(UserError, match=r"law=pretrained: no weights ship for sand.*experiment=sand_multi"):
-        laws_for("pretrained", MATERIALS["sand"])
+    with pytest.raises(UserError, match=r"law=pretrained: no weights ship for tresca.*experiment=tresca_multi"):
+        laws_for("pretrained", MATERIALS["tresca"])
     with pytest.raises(UserError, match=r"law=nowhere is not a folder; accepted: analytic, pretrained, or the path"):
         laws_for("nowhere", MATERIALS["sand"])
 

@@ -2,12 +2,16 @@
 
 import json
 from pathlib import Path
+from statistics import mean
 
 import pytest
 import torch
 
 from pcnclaws import runs
+from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import UserError
+from pcnclaws.evaluation.builtin import builtin_task, true_records
+from pcnclaws.evaluation.tasks import evaluate_records
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.runs import METRICS, WEIGHTS, laws_for, start_run
@@ -70,8 +74,15 @@ def test_an_unfinished_run_and_large_weights_do_not_ship(tmp_path: Path) -> None
     assert not (tmp_path / "pretrained").exists()
 
 
-def test_what_ships_fits_its_material_and_is_small() -> None:
-    for folder in runs.PRETRAINED.glob("*/"):
-        laws_for("pretrained", MATERIALS[folder.name])
-        assert (folder / WEIGHTS).stat().st_size < LARGEST_BYTES
-        assert (folder / "card.md").is_file()
+@pytest.mark.parametrize(("material", "largest_mse"), [("elasticity", 1e-7), ("plasticine", 1e-6), ("sand", 1e-6)])
+def test_what_ships_is_small_and_right_on_objects_that_it_never_saw(material: str, largest_mse: float) -> None:
+    folder = runs.PRETRAINED / material
+    assert (folder / WEIGHTS).stat().st_size < LARGEST_BYTES
+    assert "Errors on objects that it was not trained on" in (folder / "card.md").read_text(encoding="utf-8")
+    laws = laws_for("pretrained", MATERIALS[material])
+    records = [record for record in true_records(builtin_task("unseen", MATERIALS[material]), MATERIALS[material])
+               if isinstance(record, SceneRecord)]  # fmt: skip
+    results = evaluate_records(records, laws)
+    assert len(results) == 3
+    assert mean([result.mse for result in results]) < largest_mse
+    assert all((result.stress_error or 1.0) < 0.02 for result in results)

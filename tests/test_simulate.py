@@ -111,7 +111,6 @@ WRONG = {
     "scene.centre=[0.5,0.1,0.5]": "outside the domain",
     "scene.particles=missing.npz": "missing.npz",
     "law=analytical": "analytic",
-    "law=pretrained": "pcnclaws.train experiment=sand_multi",
     "output=.": "is a folder",
     "output=taken/x.h5": "not a folder",
     "device=tpu": "cpu, cuda",
