@@ -9,6 +9,7 @@ from pcnclaws.errors import UserError
 from pcnclaws.laws.elasticity import StVKHencky
 from pcnclaws.laws.materials import MATERIALS, Laws
 from pcnclaws.laws.neural import VARIANTS, build_neural_laws
+from pcnclaws.laws.parameters import lame_constants
 from pcnclaws.linalg3 import identity_like, matmul, transpose
 
 pytestmark = pytest.mark.usefixtures("each_backend")
@@ -39,6 +40,28 @@ def test_the_untrained_default_elasticity_is_the_hencky_law() -> None:
     laws, parameters = with_random_weights("elasticity", "pcnclaws", 0.0), MATERIALS["elasticity"].defaults
     f, values = deformations(41, 0.2), per_particle(parameters, COUNT)
     torch.testing.assert_close(laws.elasticity(f, values), StVKHencky()(f, values), rtol=1e-9, atol=1e-6)
+
+
+def test_a_crushed_body_resists_even_where_the_network_has_no_stiffness_left() -> None:
+    laws, parameters = with_random_weights("elasticity", "pcnclaws", 0.0), MATERIALS["elasticity"].defaults
+    strain = torch.tensor([-0.3, -0.5, -0.8, -1.2], dtype=torch.float64)
+    f = torch.eye(3, dtype=torch.float64)[:, :, None] * strain.exp()
+    values = {name: torch.full((4,), value, dtype=torch.float64) for name, value in parameters.items()}
+    lam, mu = lame_constants(values)
+    beyond = (-1.25 - 3.0 * strain).clamp_min(0.0)
+    expected = (3.0 * lam + 2.0 * mu) * strain - (lam + 2.0 * mu) * beyond.square() / (1.0 + beyond)
+    for axis in range(3):
+        torch.testing.assert_close(laws.elasticity(f, values)[axis, axis], expected, rtol=1e-9, atol=1e-6)
+
+    with torch.no_grad():
+        for name, weight in laws.elasticity.named_parameters():
+            if name == "network.biases.2":
+                weight[:2] = 50.0  # softplus(50 tr h / 0.1) = 0
+    f.requires_grad_()
+    stress = laws.elasticity(f, values)
+    assert bool((stress[0, 0, 1:] < -0.02 * lam[0]).all())
+    (slope,) = torch.autograd.grad(stress.sum(), f)
+    assert torch.isfinite(slope).all()
 
 
 def test_without_prior_the_untrained_laws_know_nothing_of_the_parameters() -> None:

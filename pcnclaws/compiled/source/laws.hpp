@@ -98,7 +98,7 @@ struct Tresca : Analytic {  // parameter: largest difference of two principal st
     }
 };
 
-constexpr double STRAIN_SCALE = 0.1, SOFTPLUS_ONE = 0.5413248546129181;
+constexpr double STRAIN_SCALE = 0.1, SOFTPLUS_ONE = 0.5413248546129181, COLLAPSE = -1.25;
 
 struct ElasticNet {  // parameters: mu, lambda [Pa]
     static constexpr bool RETURN_MAP = false;
@@ -122,7 +122,10 @@ struct ElasticNet {  // parameters: mu, lambda [Pa]
         const S shear_squared = sum_of_squares(dev), third = shear_squared / 3.0, two_mu = 2.0 * p[0];
         const S g0 = softplus(f[0] * x[0] + f[1] * x[1] + SOFTPLUS_ONE);
         const S g1 = softplus(f[2] * x[0] + f[3] * x[1] + SOFTPLUS_ONE);
-        const S pressure = (p[1] + two_mu / 3.0) * g0 * trace(h) + two_mu * f[5] * shear_squared;
+        const S volumetric = trace(h), zero = constant(V{}, volumetric);
+        const S beyond = select(value_of(volumetric) < COLLAPSE, COLLAPSE - volumetric, zero);
+        const S barrier = (p[1] + two_mu) * (square(beyond) / (beyond + 1.0));
+        const S pressure = (p[1] + two_mu / 3.0) * g0 * volumetric + two_mu * f[5] * shear_squared - barrier;
         for (int i = 0; i < 3; i++) y[i] = two_mu * (g1 * dev[i] + f[4] * (square(dev[i]) - third)) + pressure;
     }
 };
