@@ -9,7 +9,6 @@ from pcnclaws.errors import UserError
 from pcnclaws.laws.elasticity import StVKHencky
 from pcnclaws.laws.materials import MATERIALS, Laws
 from pcnclaws.laws.neural import VARIANTS, build_neural_laws
-from pcnclaws.laws.parameters import lame_constants
 from pcnclaws.linalg3 import identity_like, matmul, transpose
 
 pytestmark = pytest.mark.usefixtures("each_backend")
@@ -42,24 +41,17 @@ def test_the_untrained_default_elasticity_is_the_hencky_law() -> None:
     torch.testing.assert_close(laws.elasticity(f, values), StVKHencky()(f, values), rtol=1e-9, atol=1e-6)
 
 
-def test_a_crushed_body_resists_even_where_the_network_has_no_stiffness_left() -> None:
-    laws, parameters = with_random_weights("elasticity", "pcnclaws", 0.0), MATERIALS["elasticity"].defaults
-    strain = torch.tensor([-0.3, -0.5, -0.8, -1.2], dtype=torch.float64)
+def test_at_strains_that_no_data_shows_a_trained_elasticity_returns_to_the_hencky_law() -> None:
+    laws, parameters = with_random_weights("elasticity", "pcnclaws", 0.3), MATERIALS["elasticity"].defaults
+    strain = torch.tensor([-5.0, -20.0, 8.0, 2.0], dtype=torch.float64)
     f = torch.eye(3, dtype=torch.float64)[:, :, None] * strain.exp()
+    f[0, 0] = (0.5 * strain).exp()
     values = {name: torch.full((4,), value, dtype=torch.float64) for name, value in parameters.items()}
-    lam, mu = lame_constants(values)
-    beyond = (-1.25 - 3.0 * strain).clamp_min(0.0)
-    expected = (3.0 * lam + 2.0 * mu) * strain - (lam + 2.0 * mu) * beyond.square() / (1.0 + beyond)
-    for axis in range(3):
-        torch.testing.assert_close(laws.elasticity(f, values)[axis, axis], expected, rtol=1e-9, atol=1e-6)
-
-    with torch.no_grad():
-        for name, weight in laws.elasticity.named_parameters():
-            if name == "network.biases.2":
-                weight[:2] = 50.0  # softplus(50 tr h / 0.1) = 0
     f.requires_grad_()
-    stress = laws.elasticity(f, values)
-    assert bool((stress[0, 0, 1:] < -0.02 * lam[0]).all())
+    stress, hencky = laws.elasticity(f, values), StVKHencky()(f, values)
+    for particle, tolerance in enumerate((0.05, 0.01, 0.02, 1.0)):
+        error = (stress - hencky)[:, :, particle].norm() / hencky[:, :, particle].norm()
+        assert float(error.detach()) < tolerance
     (slope,) = torch.autograd.grad(stress.sum(), f)
     assert torch.isfinite(slope).all()
 

@@ -34,9 +34,6 @@ STRAIN_SCALE = 0.1
 # Cohesion and tensile limit of the untrained law, as strains, where the material has no yield stress to scale them
 # with: such a material knows no stress beside its moduli, and is nearly free of cohesion unless training finds some.
 REFERENCE_YIELD_STRAIN = 1e-4
-# Volumetric strain tr h of a body crushed to 29 % of its volume: beyond it a stiffness that the network makes up may
-# fall to nothing, and a barrier keeps the body from turning inside out.
-COLLAPSE = -1.25
 # softplus(SOFTPLUS_ONE) = 1
 SOFTPLUS_ONE = 0.5413248546129181
 
@@ -44,11 +41,12 @@ SOFTPLUS_ONE = 0.5413248546129181
 class ElasticNet(Elasticity):
     """Isotropic elasticity whose stiffness depends on strain through a network.
 
-    tau = 2 mu (g1 dev h + g2 dev(h^2)) + (K g0 tr h + 2 mu g3 |dev h|^2 - (lambda + 2 mu) x^2/(1 + x)) I,
-    g0 = softplus(f0), g1 = softplus(f1), x = max(COLLAPSE - tr h, 0)
+    tau = 2 mu (g1 dev h + g2 dev(h^2)) + (K g0 tr h + 2 mu g3 |dev h|^2) I,   g0 = softplus(f0), g1 = softplus(f1)
 
     f, g2, g3 depend on the invariants of h and on nu; at zero strain g0 = g1 = 1, so E and nu are the moduli of
-    small strain. An untrained network is the Hencky law. The stress need not be the derivative of an energy.
+    small strain. An untrained network is the Hencky law, and so is a trained one at strains far above 1, where no
+    data says what a network may make up: it fades away, lest a body without stiffness turns inside out. The stress
+    need not be the derivative of an energy.
     """
 
     kernel = "ElasticNet"
@@ -73,15 +71,18 @@ class ElasticNet(Elasticity):
         dev, volumetric = deviator(h), trace(h)
         shear_squared = dev.square().sum((0, 1))
         strain = bounded_invariants(dev, volumetric)
-        f = self.network(torch.cat((strain, self.condition(parameters))))
+        f = familiarity(h) * self.network(torch.cat((strain, self.condition(parameters))))
 
         g0 = functional.softplus(SOFTPLUS_ONE + f[0] * strain[0] + f[1] * strain[1])
         g1 = functional.softplus(SOFTPLUS_ONE + f[2] * strain[0] + f[3] * strain[1])
-        beyond = (COLLAPSE - volumetric).clamp_min(0.0)
-        barrier = (lam + 2.0 * mu) * beyond.square() / (1.0 + beyond)
-        pressure = (lam + 2.0 / 3.0 * mu) * g0 * volumetric + 2.0 * mu * f[5] * shear_squared - barrier
+        pressure = (lam + 2.0 / 3.0 * mu) * g0 * volumetric + 2.0 * mu * f[5] * shear_squared
         shear = 2.0 * mu * g1 * dev + 2.0 * mu * f[4] * deviator(matmul(dev, dev))
         return shear + identity_like(h) * pressure
+
+
+def familiarity(h: Matrices) -> Scalars:
+    """How much a network is believed, 1/(1 + 4 max(|h|^2 - 1, 0)^2): 1 to the last bit at strains below 1."""
+    return 1.0 / (1.0 + 4.0 * (h.square().sum((0, 1)) - 1.0).clamp_min(0.0).square())
 
 
 def bounded_invariants(dev: Matrices, volumetric: Scalars) -> Float[Tensor, "3 particles"]:

@@ -11,7 +11,6 @@ template <class S> using Differentiated = std::enable_if_t<std::is_class<S>::val
 template <class S> Differentiated<S> operator-(const S& a) { return chain(a, -a.value, splat(-1.0)); }
 template <class S> Differentiated<S> operator+(const S& a, double b) { return chain(a, a.value + b, splat(1.0)); }
 template <class S> Differentiated<S> operator-(const S& a, double b) { return chain(a, a.value - b, splat(1.0)); }
-template <class S> Differentiated<S> operator-(double a, const S& b) { return chain(b, a - b.value, splat(-1.0)); }
 template <class S> Differentiated<S> operator*(const S& a, double b) { return chain(a, a.value * b, splat(b)); }
 template <class S> Differentiated<S> operator*(double b, const S& a) { return a * b; }
 template <class S> Differentiated<S> operator/(const S& a, double b) { return a * (1.0 / b); }

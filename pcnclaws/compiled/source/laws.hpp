@@ -98,7 +98,7 @@ struct Tresca : Analytic {  // parameter: largest difference of two principal st
     }
 };
 
-constexpr double STRAIN_SCALE = 0.1, SOFTPLUS_ONE = 0.5413248546129181, COLLAPSE = -1.25;
+constexpr double STRAIN_SCALE = 0.1, SOFTPLUS_ONE = 0.5413248546129181;
 
 struct ElasticNet {  // parameters: mu, lambda [Pa]
     static constexpr bool RETURN_MAP = false;
@@ -116,17 +116,20 @@ struct ElasticNet {  // parameters: mu, lambda [Pa]
         const V value = value_of(x), inverse = 1.0 / square_root(1.0 + value * value / 100.0);
         return chain(x, value * inverse, inverse * inverse * inverse);
     }
+    // 1/(1 + 4 max(|h|^2 - 1, 0)^2)
+    template <class S> static S familiarity(const S& squared) {
+        const V beyond = maximum(value_of(squared) - 1.0, V{}), value = 1.0 / (1.0 + 4.0 * beyond * beyond);
+        return chain(squared, value, -8.0 * beyond * value * value);
+    }
     template <class S> static void respond(const S h[3], const S* x, const S* p, const S* f, S y[3]) {
         S dev[3];
         deviator(h, dev);
         const S shear_squared = sum_of_squares(dev), third = shear_squared / 3.0, two_mu = 2.0 * p[0];
-        const S g0 = softplus(f[0] * x[0] + f[1] * x[1] + SOFTPLUS_ONE);
-        const S g1 = softplus(f[2] * x[0] + f[3] * x[1] + SOFTPLUS_ONE);
-        const S volumetric = trace(h), zero = constant(V{}, volumetric);
-        const S beyond = select(value_of(volumetric) < COLLAPSE, COLLAPSE - volumetric, zero);
-        const S barrier = (p[1] + two_mu) * (square(beyond) / (beyond + 1.0));
-        const S pressure = (p[1] + two_mu / 3.0) * g0 * volumetric + two_mu * f[5] * shear_squared - barrier;
-        for (int i = 0; i < 3; i++) y[i] = two_mu * (g1 * dev[i] + f[4] * (square(dev[i]) - third)) + pressure;
+        const S known = familiarity(sum_of_squares(h));
+        const S g0 = softplus(known * (f[0] * x[0] + f[1] * x[1]) + SOFTPLUS_ONE);
+        const S g1 = softplus(known * (f[2] * x[0] + f[3] * x[1]) + SOFTPLUS_ONE);
+        const S pressure = (p[1] + two_mu / 3.0) * g0 * trace(h) + two_mu * known * f[5] * shear_squared;
+        for (int i = 0; i < 3; i++) y[i] = two_mu * (g1 * dev[i] + known * f[4] * (square(dev[i]) - third)) + pressure;
     }
 };
 
