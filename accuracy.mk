@@ -23,6 +23,13 @@ scenes_8 := data.train_scenes=8
 scenes_24 := data.train_scenes=24
 seed_1 := seed=1
 seed_2 := seed=2
+# as many simulated steps as `quick`
+try_absolute_loss := training.loss=absolute
+try_segments_of_100_steps := training.segment_length.first=100 training.segment_length.last=100 training.iterations=40
+try_batches_of_20 := training.batch_segments=20 training.iterations=40
+try_double_precision := precision=float64
+try_width_128 := model.width=128
+VARIATIONS := try_absolute_loss try_segments_of_100_steps try_batches_of_20 try_double_precision try_width_128
 
 # tasks that each row is asked for
 TASKS := reconstruction unseen long_term geometry unseen_motion resolution
@@ -40,6 +47,7 @@ tasks_scenes_8 := unseen
 tasks_scenes_24 := unseen
 tasks_seed_1 := $(BRIEF)
 tasks_seed_2 := $(BRIEF)
+$(foreach name,$(VARIATIONS),$(eval tasks_$(name) := unseen))
 # a law of one scene is asked about its own one
 evaluation_single := task.scene=train-00
 evaluated_single := reconstruction long_term geometry unseen_motion
@@ -78,6 +86,7 @@ $(call rows,multi single,$(FAMILY))
 $(call rows,multi_positions structure,$(FAMILY) $(OUTSIDERS))
 $(call rows,no_prior multi_paper quick scenes_4 scenes_8 scenes_24,$(FAMILY))
 $(call rows,seed_1 seed_2,sand)
+$(call rows,$(VARIATIONS),elasticity sand)
 
 .PHONY: accuracy
 accuracy: $(ROWS) $(MAPS) ## train and evaluate what docs/results.md lacks: hours, and it can be interrupted

@@ -59,6 +59,7 @@ def test_studies_compare_rows_that_differ_in_one_thing(results: Path, tmp_path: 
     for scenes, mse in ((4, 9e-7), (24, 2e-8)):
         put(results, f"scenes_{scenes}", "unseen", mse=mse)
     put(results, "seed_1", "unseen", mse=8e-8)
+    put(results, "try_wide", "unseen", mse=3e-8)
     put(results, "multi_positions", "unseen", "tresca", mse=6e-6)
     text = written(results, tmp_path)
     of_scenes = section(text, "Training scenes")
@@ -67,6 +68,8 @@ def test_studies_compare_rows_that_differ_in_one_thing(results: Path, tmp_path: 
     assert cells(of_seeds, "seed 0") == ["4.0e-08"]
     assert cells(of_seeds, "mean") == ["6.0e-08"]
     assert cells(of_seeds, "largest over smallest") == ["2"]
+    ways = section(text, "Ways of training")
+    assert (cells(ways, "as it is")[0][:7], cells(ways, "wide")[0][:7]) == ("4.0e-08", "3.0e-08")
     assert "5.0e-07" in section(text, "Positions only beside keyframes")
     structure = section(text, "What does the structure, what the learning")
     assert cells(structure, "sand")[-1] == "3000000", "the untrained law beside -M"

@@ -21,8 +21,8 @@ from pcnclaws.results_page.links import picture_link
 from pcnclaws.results_page.published import PAPER_MATERIALS, PAPER_ROWS, paper_mse
 
 FLOORS = {"float64": "analytic law, double precision", "half_step": "analytic law, half the time step"}
-# Rows of the sections that compare numbers of scenes and seeds.
-ELSEWHERE = ("scenes_", "seed_")
+# Rows of the sections that compare numbers of scenes, seeds and ways of training.
+ELSEWHERE = ("scenes_", "seed_", "try_")
 
 
 def material_section(material: str, rows: Mapping[str, Row], base: Path, level: int = 2) -> str:

@@ -15,6 +15,7 @@ from pcnclaws.results_page.studies import (
     training_scenes,
     training_scenes_section,
     trainings_section,
+    variations_section,
 )
 
 IMAGES, ACCURACY, SCENES = "images", "accuracy.png", "training_scenes.png"
@@ -73,7 +74,12 @@ def page(results: Results, folder: Path, base: Path) -> str:
     parts += training_scenes_section(
         results, picture_link("Error against the number of training scenes", base / IMAGES / SCENES, base)
     )
-    parts += [*seeds_section(results), *positions_section(results), *structure_section(results)]
+    parts += [
+        *seeds_section(results),
+        *variations_section(results),
+        *positions_section(results),
+        *structure_section(results),
+    ]
     others = [text for material, text in sections.items() if material not in PAPER_MATERIALS]
     parts += [NEITHER, *others] if others else []
     return "\n\n".join([*parts, *trainings_section(results)]) + "\n"

@@ -7,7 +7,7 @@ from pcnclaws.results_page.cells import error, minutes, number, percent, row_nam
 from pcnclaws.results_page.documents import Document, Results, Row, tasks_of
 from pcnclaws.results_page.published import PAPER_MATERIALS
 
-SCENES, SEED = "scenes_", "seed_"
+SCENES, SEED, VARIATION = "scenes_", "seed_", "try_"
 # The row that the others of a study differ from in one thing alone: 12 scenes, seed 0.
 REFERENCE, STANDARD_SCENES = "quick", 12
 # Tasks of the tables that compare a few laws.
@@ -60,6 +60,28 @@ def _seeds_table(seeds: Mapping[str, Row]) -> str:
         for column, known in zip(columns, whole, strict=True)
     ]
     return table(["", *map(words, tasks)], [*lines, ["mean", *means], ["largest over smallest", *spreads]])
+
+
+def variations_section(results: Results) -> list[str]:
+    """The short training with one thing changed: error on `unseen`, material by material."""
+    names = sorted({row for rows in results.values() for row in rows if row.startswith(VARIATION)})
+    if not names:
+        return []
+    materials = [material for material, rows in results.items() if any(row.startswith(VARIATION) for row in rows)]
+    lines = [
+        [
+            "as it is" if name == REFERENCE else name.removeprefix(VARIATION).replace("_", " "),
+            *(cell for material in materials for cell in _variation_cells(results[material].get(name))),
+        ]
+        for name in (REFERENCE, *names)
+    ]
+    header = ["", *(word for material in materials for word in (words(material), "training [min]"))]
+    text = "The short training with one thing changed, of the same number of simulated steps: MSE [m²] on `unseen`."
+    return ["## Ways of training", text, table(header, lines)]
+
+
+def _variation_cells(row: Row | None) -> tuple[str, str]:
+    return ("", "") if row is None else (error(row.tasks.get("unseen")), minutes(row))
 
 
 def positions_section(results: Results) -> list[str]:
