@@ -81,8 +81,8 @@ class ElasticNet(Elasticity):
 
 
 def familiarity(h: Matrices) -> Scalars:
-    """How much a network is believed, 1/(1 + 4 max(|h|^2 - 1, 0)^2): 1 to the last bit at strains below 1."""
-    return 1.0 / (1.0 + 4.0 * (h.square().sum((0, 1)) - 1.0).clamp_min(0.0).square())
+    """How much a network is believed, 1/(1 + 4 max(|h|^2 - 2, 0)^2): 1 to the last bit at strains |h| below 1.4."""
+    return 1.0 / (1.0 + 4.0 * (h.square().sum((0, 1)) - 2.0).clamp_min(0.0).square())
 
 
 def bounded_invariants(dev: Matrices, volumetric: Scalars) -> Float[Tensor, "3 particles"]:

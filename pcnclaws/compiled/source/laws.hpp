@@ -116,9 +116,9 @@ struct ElasticNet {  // parameters: mu, lambda [Pa]
         const V value = value_of(x), inverse = 1.0 / square_root(1.0 + value * value / 100.0);
         return chain(x, value * inverse, inverse * inverse * inverse);
     }
-    // 1/(1 + 4 max(|h|^2 - 1, 0)^2)
+    // 1/(1 + 4 max(|h|^2 - 2, 0)^2)
     template <class S> static S familiarity(const S& squared) {
-        const V beyond = maximum(value_of(squared) - 1.0, V{}), value = 1.0 / (1.0 + 4.0 * beyond * beyond);
+        const V beyond = maximum(value_of(squared) - 2.0, V{}), value = 1.0 / (1.0 + 4.0 * beyond * beyond);
         return chain(squared, value, -8.0 * beyond * value * value);
     }
     template <class S> static void respond(const S h[3], const S* x, const S* p, const S* f, S y[3]) {
