@@ -130,6 +130,6 @@ def test_the_readme_names_commands_that_exist():
     assert commands
     for entry, arguments in commands:
         compose_config(entry, [argument for argument in arguments.split() if not argument.startswith("-")])
-    makefile = (Path(__file__).parents[1] / "Makefile").read_text()
+    makefile = "\n".join((Path(__file__).parents[1] / name).read_text() for name in ("Makefile", "accuracy.mk"))
     for target in re.findall(r"`?make ([a-z-]+)`?", text):
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target

@@ -27,7 +27,7 @@ def test_a_task_that_ends_well_exits_0_and_leaves_no_folder(in_process, tmp_path
 
 
 WRONG = {
-    "material=snad": ["material='snad'", "elasticity, plasticine, sand", "did you mean 'sand'"],
+    "material=snad": ["material='snad'", "elasticity, neo_hookean, plasticine, sand", "did you mean 'sand'"],
     "simulation.stpes=3": ["'simulation.stpes'", "simulation.time_step", "did you mean 'simulation.steps'"],
     "+simulation.stpes=3": ["'simulation.stpes'", "did you mean 'simulation.steps'"],
     "materiel=sand": ["'materiel'", "did you mean 'material'"],
