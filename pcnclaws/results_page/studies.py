@@ -112,7 +112,10 @@ def trainings_section(results: Results) -> list[str]:
         if row.training
     ]
     header = ["material", "law", "command", "iterations", "validation MSE", "minutes", "processor", "commit"]
-    text = "Minutes are those of the whole command, its test and pictures included, data that was there already not."
+    text = (
+        "Minutes are those of the whole command, its test and pictures included; data that was there already is not, "
+        "nor is what was done before an interruption."
+    )
     return ["## Trainings", text, table(header, lines)] if lines else []
 
 
