@@ -1,11 +1,13 @@
 """Pictures of the page of results, drawn from the JSON files alone."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import NamedTuple
 
 from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator, NullLocator
 
 from pcnclaws.benchmarking.charts import COLOURS, chart, decorate, mark, panels, save
@@ -16,6 +18,7 @@ from pcnclaws.results_page.published import PAPER_MATERIALS, PAPER_TASKS, paper_
 
 MSE = "position error MSE [m²]"
 BAR, GROUP = 0.86, 5.4  # height of a bar and distance of two tasks, in bars
+LABEL_GAP = 0.055  # distance of two labels over the height of the axis
 ROOM_FOR_NUMBERS = 12.0  # the axis ends at so many times the largest error
 
 
@@ -65,25 +68,33 @@ def draw_training_scenes(found: Mapping[str, Mapping[int, Document]], path: Path
     if not found:
         return None
     figure, axis = chart()
-    for number, (material, known) in enumerate(found.items()):
+    ends: dict[str, tuple[int, float]] = {}
+    colours = dict(zip(found, cycle(COLOURS), strict=False))
+    for material, known in found.items():
         points = [(count, document["mse"]) for count, document in known.items() if document["mse"]]
-        if not points:
-            continue
-        axis.plot(*zip(*points, strict=True), "o-", color=COLOURS[number % len(COLOURS)], markersize=5)
-        axis.annotate(
-            words(material),
-            points[-1],
-            (8, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=9,
-            color=COLOURS[number % len(COLOURS)],
-        )
+        if points:
+            axis.plot(*zip(*points, strict=True), "o-", color=colours[material], markersize=5)
+            ends[material] = points[-1]
     axis.set_yscale("log")
     mark(axis, sorted({count for known in found.values() for count in known}))
     axis.margins(x=0.2)
-    decorate(axis, "training scenes", f"{MSE} on `unseen`")
+    heights = _apart(axis, [mse for _, mse in ends.values()])
+    for (material, (count, _)), height in zip(ends.items(), heights, strict=True):
+        axis.text(1.07 * count, height, words(material), va="center", fontsize=9, color=colours[material])
+    decorate(axis, "training scenes", f"{MSE}, unseen objects")
     return save(figure, path)
+
+
+def _apart(axis: Axes, heights: Sequence[float]) -> list[float]:
+    """Heights of labels on a logarithmic axis: those given, moved up where they would lie on each other."""
+    low, high = axis.get_ylim()
+    gap = (high / low) ** LABEL_GAP
+    found: dict[int, float] = {}
+    lowest = low
+    for place in sorted(range(len(heights)), key=lambda place: heights[place]):
+        found[place] = max(heights[place], lowest)
+        lowest = found[place] * gap
+    return [found[place] for place in range(len(heights))]
 
 
 def _has_bars(rows: Mapping[str, Row]) -> bool:
@@ -111,9 +122,10 @@ def _draw_bars(axis: Axes, bars: Mapping[tuple[int, int], float | None], rows: M
             axis.barh(height, value - start, BAR, left=start, color=series.colour)
         text = "diverged" if value is None else f"{value:.1e}"
         weight = "bold" if series.ours else "normal"
-        axis.annotate(
+        label = axis.annotate(
             text, (value or start, height), (3, 0), textcoords="offset points", va="center", fontsize=7.5, weight=weight
         )
+        label.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
     for number, task in enumerate(PAPER_TASKS):
         limit = floor(rows, task, "half_step")
         if limit and limit > start:

@@ -148,7 +148,7 @@ def _compared_cells(row: Row, tasks: Sequence[str]) -> list[str]:
 def _factor(row: Row, rows: Mapping[str, Row]) -> str:
     """MSE on `unseen` over that of -M."""
     own, multi = (one.tasks.get("unseen", {}).get("mse") if one else None for one in (row, rows.get("multi")))
-    return short(own / multi) if own is not None and multi else ""
+    return short(float(f"{own / multi:.2g}")) if own is not None and multi else ""
 
 
 def _training_cells(row: Row, training: Document) -> list[str]:
