@@ -36,8 +36,8 @@ which hold command, hardware, versions, commit and seed.
   coordinates is not said: the sum is three times our number. They are a mark, not a race."""
 NEITHER = """## A law in neither family
 
-Bodies of neo-Hookean elasticity and of Tresca plasticity, trained from positions only. No choice of the networks'
-weights gives either law exactly."""
+Bodies of neo-Hookean elasticity and of Tresca plasticity, trained from positions only. The networks
+were not built to contain either law."""
 
 
 def write_page(folder: Path, output: Path) -> list[Path]:
