@@ -71,7 +71,7 @@ $(RESULTS)/$(1)/$(2)/$(3).json: $(LAWS)/$(1)_$(2)/metrics.json
 	$$(RUN) pcnclaws.evaluate material=$(1) law=$(LAWS)/$(1)_$(2) task=$(3) threads=1 \
 		output=$(LAWS)/$(1)_$(2)/evaluation/$(3).json \
 		$(if $(filter $(3),$(evaluated_$(2))),$(evaluation_$(2))) \
-		$(if $(filter multi,$(2)),,picture=false) \
+		$(if $(filter multi,$(2)),,picture=false may_diverge=true) \
 		$(if $(and $(filter multi,$(2)),$(filter-out outside_range,$(3))),,floor=false)
 	@mkdir -p $$(@D) && cp $(LAWS)/$(1)_$(2)/evaluation/$(3).json $$@
 $(if $(filter multi,$(2)),$(foreach kind,$(shown_$(3)),	@cp $(LAWS)/$(1)_$(2)/evaluation/$(3)_$(kind).png $$(@D)))
