@@ -9,6 +9,8 @@ ROWS = {
     "multi": "-M",
     "single": "-S",
     "multi_positions": "-M, positions only",
+    "long_positions": "-M, positions only, three times as long",
+    "free_flow_positions": "the same with free flow",
     "multi_paper": "-M, the paper's networks",
     "quick": "-M, short training (`make demo`)",
     "no_prior": "-M without the prior",
