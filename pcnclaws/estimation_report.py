@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from rich.box import SIMPLE_HEAD
+from rich.markup import escape
 from rich.table import Table
 
 from pcnclaws.data.observation import Observation
@@ -34,9 +35,9 @@ def result_table(
         beside = [] if not truth else [_number(true), _difference(estimate, true)]
         low, high = estimate.interval
         cells = [_number(estimate.value), f"{low:.4g} to {high:.4g}"] if estimate.identifiable else ["not told", "-"]
-        table.add_row(f"{estimate.label} [{_unit(estimate.label)}]", _number(start), *cells, *beside)
+        table.add_row(escape(f"{estimate.label} [{_unit(estimate.label)}]"), _number(start), *cells, *beside)
     for name, value in fixed.items():
-        table.add_row(f"{name} [{_unit(name)}]", _number(value), "fixed", "-", *[""] * (2 if truth else 0))
+        table.add_row(escape(f"{name} [{_unit(name)}]"), _number(value), "fixed", "-", *[""] * (2 if truth else 0))
     return table
 
 
@@ -105,10 +106,9 @@ def leave_estimation_pictures(
     ]
     search = convergence(courses, [mse for _, mse in history], title, stem.with_name(f"{stem.name}_convergence.png"))
     observed = _as_record(observation, observation.target)
-    fit = predicted_beside_true(
-        observed, replace(observed, position=simulated.astype(np.float32)), stem.with_name(f"{stem.name}_fit.png")
-    )
-    return [search, fit]
+    with_estimate = replace(observed, position=simulated.astype(np.float32))
+    path = stem.with_name(f"{stem.name}_fit.png")
+    return [search, predicted_beside_true(observed, with_estimate, path, words=("observed", "simulated"))]
 
 
 def true_value(label: str, truth: Mapping[str, float]) -> float | None:
