@@ -60,7 +60,7 @@ evaluated_single := reconstruction long_term geometry unseen_motion
 define row
 $(LAWS)/$(1)_$(2)/metrics.json: | $(INSTALLED)
 	$$(RUN) pcnclaws.train experiment=$(1)_multi $($(2)) output=$(LAWS)/$(1)_$(2) threads=1 \
-		data.folder=outputs/data/$(1)$(if $(filter scenes_%,$(2)),_$(2))
+		data.folder=outputs/data/$(1)$(if $(filter scenes_% try_double_precision,$(2)),_$(2))
 
 $(RESULTS)/$(1)/$(2)/training.json: $(LAWS)/$(1)_$(2)/metrics.json
 	@mkdir -p $$(@D) && cp $$< $$@

@@ -11,7 +11,7 @@ ROWS = {
     "multi_positions": "-M, positions only",
     "long_positions": "-M, positions only, three times as long",
     "free_flow_positions": "the same with free flow",
-    "multi_paper": "-M, the paper's networks",
+    "multi_paper": "-M, the paper's networks, short training",
     "quick": "-M, short training (`make demo`)",
     "no_prior": "-M without the prior",
     "structure": "structure alone, untrained",
