@@ -35,6 +35,7 @@ lint: $(INSTALLED) ## check style, types and the direction of imports
 	$(VENV)/bin/lint-imports
 
 include accuracy.mk
+include estimation.mk
 
 clean: ## remove caches and built packages; keeps .venv and outputs
 	rm -rf build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -14,18 +14,23 @@ from pcnclaws.data.sampling import DataSetPlan, draw_motions, draw_parameters
 from pcnclaws.data.scenes import SceneStart, simulate_records
 from pcnclaws.data.shapes import spin_velocity
 from pcnclaws.errors import UserError
-from pcnclaws.estimation.law_error import CALIBRATION, calibrated_error
+from pcnclaws.estimation.law_error import CALIBRATION, calibrated_error, known_law_error
+from pcnclaws.estimation.uncertainty import QUANTILE_95
 from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import write_metrics
 from pcnclaws.laws.materials import Material, analytic_laws
 from pcnclaws.runs import law_folder, laws_for
 
-# Of the objects that laws are calibrated on: apart from those of data sets and of tests.
-SEED = (0, 9)
+# With it, the draws are apart from those of data sets.
+STREAM = 9
 
 
 def calibrate(config: DictConfig) -> None:
-    """Writes estimation.json beside the law's weights, or to `output`."""
+    """Writes estimation.json beside the law's weights, or to `output`.
+
+    Beside the error it notes how many of the numbers lie in the intervals of the calibration that was there before:
+    with another seed, that is a test of it.
+    """
     use_processor(config)
     material, law = material_from(config), str(config.law)
     folder = law_folder(law, material)
@@ -33,25 +38,36 @@ def calibrate(config: DictConfig) -> None:
         raise UserError("law=analytic has no error to calibrate; accepted: pretrained, or the path of a run folder")
     laws = laws_for(law, material)
     output = folder / CALIBRATION if config.output is None else Path(config.output)
-    starts = calibration_objects(material, whole_number(config, "objects"))
+    before = known_law_error(folder) if (folder / CALIBRATION).is_file() else None
+    starts = calibration_objects(material, whole_number(config, "objects"), whole_number(config, "seed", least=0))
     with _progress(len(starts)) as advance:
         truth = simulate_records(starts, analytic_laws(material), 500, 5)
         values = calibrated_error(material, laws, truth, advance)
-    write_metrics(output, {"material": material.name, **values, "provenance": provenance(0)})
+    if before is not None:
+        values |= {"law_error_before": before, "covered_before": _covered(values["projected"], before)}
+        print(f"{values['covered_before']:.1%} of the numbers lie in the intervals of the calibration that was there")
+    write_metrics(output, {"material": material.name, **values, "provenance": provenance(config.seed)})
     print(f"wrote {output}: the law moves markers wrongly by {values['law_error']:.2e} m")
 
 
-def calibration_objects(material: Material, count: int, seed: tuple[int, ...] = SEED) -> list[SceneStart]:
+def calibration_objects(material: Material, count: int, seed: int = 0) -> list[SceneStart]:
     """Objects of the material's ranges, away from the reference objects, thrown as those of the training data."""
     plan = DataSetPlan(material)
     position = plan.body.position
-    drawn = zip(draw_parameters(material, count, seed), draw_motions(count, seed), strict=True)
+    draw = seed, STREAM
+    drawn = zip(draw_parameters(material, count, draw), draw_motions(count, draw), strict=True)
     starts = []
     for number, (parameters, motion) in enumerate(drawn):
         velocity = spin_velocity(position, plan.body.velocity + motion.velocity, motion.spin.tolist())
         name = f"object-{number:02d}"
         starts.append(SceneStart(name, material.name, plan.settings, parameters, position, velocity, plan.body.volume))
     return starts
+
+
+def _covered(projected: list[list[float]], law_error: float) -> float:
+    """The share of the numbers that lie in intervals of 95 % made with this error."""
+    within = [error <= QUANTILE_95 * law_error for errors in projected for error in errors]
+    return sum(within) / len(within)
 
 
 @contextmanager
