@@ -25,8 +25,9 @@ test: $(INSTALLED) ## run the tests that take seconds
 test-all: $(INSTALLED) ## run all tests
 	$(PYTEST)
 
-tables: $(INSTALLED) ## write docs/results.md from the JSON files in docs/results/accuracy
+tables: $(INSTALLED) ## write the pages of results from the JSON files in docs/results
 	$(RUN) pcnclaws.results_page docs/results/accuracy docs/results.md
+	$(RUN) pcnclaws.results_page.estimation docs/results/estimation docs/estimation_results.md
 
 lint: $(INSTALLED) ## check style, types and the direction of imports
 	$(VENV)/bin/ruff check

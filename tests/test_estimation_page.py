@@ -1,0 +1,44 @@
+"""The page of estimates is what its JSON files say."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pcnclaws.errors import UserError
+from pcnclaws.results_page.estimation import estimation_page
+
+
+def document(estimate: float | None, interval: tuple[float, float] | None) -> str:
+    modulus = {
+        "guess": 5e4,
+        "truth": 1.8e5,
+        "estimate": estimate,
+        "interval_95": interval,
+        "identifiable": estimate is not None,
+    }
+    ratio = {"guess": 0.02, "truth": 0.13, "estimate": 0.128, "interval_95": [0.12, 0.14], "identifiable": True}
+    values = {"youngs_modulus": modulus, "poissons_ratio": ratio}
+    return json.dumps({"parameters": values, "mse": 1e-9, "iterations": 6, "seconds": 12.3})
+
+
+def test_every_way_is_a_line_beside_truth_guess_and_paper(tmp_path: Path) -> None:
+    folder = tmp_path / "elasticity_1"
+    folder.mkdir()
+    (folder / "pretrained.json").write_text(document(1.782e5, (1.75e5, 1.79e5)))
+    (folder / "analytic.json").write_text(document(None, None))
+    page = estimation_page(tmp_path)
+    for line in (
+        "| truth | 180 | 0.13 |  |  |  |",
+        "| guess | 50 | 0.02 |  |  |  |",
+        "| the paper's | 184 | 0.2 |  |  |  |",
+        "| analytic law | not told | 0.128 (0.12 to 0.14) | 1.0e-09 | 6 | 12 |",
+        "| neural law | 178.2 (175 to 179) | 0.128 (0.12 to 0.14) | 1.0e-09 | 6 | 12 |",
+        "| neural law | 1 of 2 | E 1 %; \N{GREEK SMALL LETTER NU} 0.002 |",
+    ):
+        assert line in page
+
+
+def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="holds no results"):
+        estimation_page(tmp_path)
