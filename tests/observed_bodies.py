@@ -58,7 +58,7 @@ def solved(
     u, search = problem.unknowns.coordinates(guess), LevenbergMarquardt()
     here = problem.linearise(u)
     for _ in range(iterations):
-        step = search.step(here)
+        step = search.step(here, problem.unknowns.reach(u))
         there = problem.linearise(u + step)
         if search.judge(here.mse, there.mse, step):
             u, here = u + step, there

@@ -92,7 +92,7 @@ def _difference(material: Material, laws: Laws, record: SceneRecord) -> tuple[np
     u, search = start.copy(), LevenbergMarquardt(damping=1e-6)
     here = problem.linearise(u)
     for _ in range(MOST_ITERATIONS):
-        step = search.step(here)
+        step = search.step(here, unknowns.reach(u))
         there = problem.linearise(u + step)
         if search.judge(here.mse, there.mse, step):
             u, here = u + step, there

@@ -13,8 +13,6 @@ from pcnclaws.estimation.problem import Linearisation
 
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-9, 1e7
 BETTER, WORSE = 0.1, 10.0
-# Longest step in a coordinate: a sigmoid's unit is about a fifth of the interval between its bounds.
-LONGEST_STEP = 1.5
 # The search ends at a step below this, or where the error falls by less than this share of it.
 SMALLEST_STEP, SMALLEST_GAIN = 1e-4, 1e-4
 
@@ -26,8 +24,11 @@ class LevenbergMarquardt:
     damping: float = FIRST_DAMPING
     done: bool = False
 
-    def step(self, at: Linearisation) -> Float[np.ndarray, " unknowns"]:
-        """The next change of the coordinates. An unknown without influence stays."""
+    def step(self, at: Linearisation, reach: Float[np.ndarray, "2 unknowns"]) -> Float[np.ndarray, " unknowns"]:
+        """The next change of the coordinates. An unknown without influence stays.
+
+        reach  how far down and up each coordinate may go: far from the answer the linear problem knows little
+        """
         normal, gradient = at.jacobian @ at.jacobian.T, at.jacobian @ at.residual
         scale = np.diag(normal).copy()
         felt = scale > 0.0
@@ -35,7 +36,7 @@ class LevenbergMarquardt:
         if felt.any():
             damped = normal + self.damping * np.diag(scale)
             change[felt] = -np.linalg.solve(damped[np.ix_(felt, felt)], gradient[felt])
-        return change * min(1.0, LONGEST_STEP / max(float(np.abs(change).max()), 1e-300))
+        return np.clip(change, *reach)
 
     def judge(self, before: float, after: float, step: Float[np.ndarray, " unknowns"]) -> bool:
         """Whether the step is taken: before and after are errors [m^2]."""

@@ -13,17 +13,23 @@ from scipy.special import expit, logit
 
 # How deep inside its bounds a guess is put, as a share of the interval: at the bound itself the coordinate is infinite.
 MARGIN = 0.05
+# A search stays within these coordinates: at 4, 2 % of the interval are left.
+FURTHEST = 4.0
+# Longest step of a number without bounds, in its scale.
+LONGEST_FREE = 2.0
 
 
 @dataclass(frozen=True)
 class Transform:
     """The coordinate u of a number in (lower, upper): value = g^-1(g(lower) + (g(upper) - g(lower)) sigmoid(u)).
 
-    logarithmic  g is the logarithm, else the identity
+    logarithmic   g is the logarithm, else the identity
+    longest_step  that a search takes at once, of g(value)
     """
 
     lower: float
     upper: float
+    longest_step: float
     logarithmic: bool = False
 
     def value(self, coordinate: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -36,6 +42,13 @@ class Transform:
         share = expit(coordinate)
         slope = self._span * share * (1.0 - share)
         return slope * self.value(coordinate) if self.logarithmic else slope
+
+    def reach(self, coordinate: float) -> tuple[float, float]:
+        """How far a search may go at once: to the longest step, and not so near to a bound that it would stay there."""
+        place = self._low + self._span * float(expit(coordinate))
+        ends = np.clip((place - self.longest_step - self._low, place + self.longest_step - self._low), 0.0, self._span)
+        low, high = (float(np.clip(logit(end / self._span), -FURTHEST, FURTHEST)) for end in ends)
+        return min(low - coordinate, 0.0), max(high - coordinate, 0.0)
 
     def coordinate(self, value: float) -> float:
         """The coordinate of a number strictly inside the bounds."""
@@ -77,6 +90,10 @@ class Free:
         """d value / d coordinate."""
         return np.full_like(coordinate, self.scale)
 
+    def reach(self, coordinate: float) -> tuple[float, float]:
+        """How far a search may go at once: a few units of the scale."""
+        return -LONGEST_FREE, LONGEST_FREE
+
     def coordinate(self, value: float) -> float:
         """The coordinate of a number."""
         return value / self.scale
@@ -89,8 +106,8 @@ class Free:
 # Of any solid or granular material that the laws are for. Poisson's ratio stays away from 0.5, where the stiffness
 # against compression is infinite.
 TRANSFORMS = {
-    "youngs_modulus": Transform(1e2, 1e9, logarithmic=True),
-    "poissons_ratio": Transform(-0.4, 0.49),
-    "friction_angle": Transform(0.5, 75.0),
-    "yield_stress": Transform(1.0, 1e7, logarithmic=True),
+    "youngs_modulus": Transform(1e2, 1e9, 1.0, logarithmic=True),
+    "poissons_ratio": Transform(-0.4, 0.49, 0.1),
+    "friction_angle": Transform(0.5, 75.0, 8.0),
+    "yield_stress": Transform(1.0, 1e7, 1.0, logarithmic=True),
 }

@@ -80,6 +80,11 @@ class Unknowns:
         pairs = zip(self.sought, coordinates, strict=True)
         return np.array([unknown.transform.slope(np.array([u]))[0] for unknown, u in pairs])
 
+    def reach(self, coordinates: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, "2 unknowns"]:
+        """How far down and up each coordinate may go at once."""
+        pairs = zip(self.sought, coordinates.tolist(), strict=True)
+        return np.array([unknown.transform.reach(u) for unknown, u in pairs]).T
+
     def coordinates(self, values: Sequence[float]) -> Float[np.ndarray, " unknowns"]:
         """The coordinates of numbers inside their bounds."""
         return np.array([unknown.transform.coordinate(v) for unknown, v in zip(self.sought, values, strict=True)])

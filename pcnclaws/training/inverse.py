@@ -98,7 +98,7 @@ class InverseModule(LightningModule):
             raise SimulationDiverged(
                 "the simulation of the initial guess diverges; choose a softer initial_guess or screening above 0"
             )
-        step = self.search.step(here)
+        step = self.search.step(here, self.problem.unknowns.reach(self.u))
         there = self.problem.linearise(self.u + step)
         if self.search.judge(here.mse, there.mse, step):
             with torch.no_grad():
