@@ -12,8 +12,8 @@ import yaml
 from pcnclaws.data.atomic import PARTIAL_SUFFIX, replaced_file
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import Laws, Material, analytic_laws, material_named
-from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.laws.parameters import PARAMETERS
+from pcnclaws.models import build_model
 from pcnclaws.training.weights import read_weights, set_law_weights
 
 log = logging.getLogger(__name__)
@@ -66,7 +66,7 @@ def load_run(folder: str | Path, option: str = "law") -> LoadedRun:
     material = material_named(str(config["material"].get("name")), f"{option}={folder}: material")
     weights, notes = read_weights(folder / WEIGHTS)
     try:
-        laws = build_neural_laws(material, config["model"])
+        laws = build_model(material, config["model"])
     except UserError as fault:
         raise UserError(f"{option}={folder / CONFIG}: {fault}") from fault
     set_law_weights(laws, weights, f"{option}={folder}")

@@ -17,7 +17,7 @@ from pcnclaws.data_sets import ready_data_set
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.evaluation.provenance import commit
 from pcnclaws.laws.materials import Laws, Material
-from pcnclaws.laws.neural import build_neural_laws
+from pcnclaws.models import build_model
 from pcnclaws.runs import METRICS, WEIGHTS, is_finished, start_run
 from pcnclaws.training.fit import FitResult, fit, quiet_lightning
 from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
@@ -68,10 +68,10 @@ def train(config: DictConfig) -> None:
 
 
 def untrained_laws(config: DictConfig) -> Laws:
-    """The neural laws of `material` and `model.*` as training with `seed` starts from them."""
+    """The laws of `material` and `model.*` as training with `seed` starts from them."""
     torch.manual_seed(whole_number(config, "seed", least=0))
     model = cast(dict[str, Any], OmegaConf.to_container(config.model))
-    laws = build_neural_laws(material_from(config), model)
+    laws = build_model(material_from(config), model)
     for law in laws:
         if law is not None:
             law.to(device_from(config), precision_from(config))
@@ -85,12 +85,18 @@ def _regime(config: DictConfig) -> type[ConstitutiveModule]:
 
 
 def _optimiser(config: DictConfig) -> OptimiserSettings:
-    clip = config.training.gradient_clip
+    training = config.training
     return OptimiserSettings(
-        float(config.training.learning_rate),
-        gradient_clip=None if clip is None else float(clip),
-        loss=str(config.training.loss),
+        float(training.learning_rate),
+        gradient_clip=_number_or_none(training.gradient_clip),
+        loss=str(training.loss),
+        loss_scale=_number_or_none(training.loss_scale),
+        plastic_learning_rate=_number_or_none(training.plastic_learning_rate),
     )
+
+
+def _number_or_none(value: float | None) -> float | None:
+    return None if value is None else float(value)
 
 
 def _plan(config: DictConfig, start: str) -> SegmentPlan:

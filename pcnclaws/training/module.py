@@ -36,11 +36,13 @@ MOST_SKIPPED = 20
 class OptimiserSettings:
     """Adam with cosine annealing, one step of the schedule an iteration, and the loss that it minimises.
 
-    learning_rate        at the first iteration
-    final_learning_rate  at the last one
-    gradient_clip        largest norm of the gradient of LOSS_SCALE times the loss; None clips nothing
-    recompute            save memory by computing each step twice; None decides by the size of the batch
-    loss                 'relative': relative_position_loss; 'absolute': position_loss, the paper's
+    learning_rate          at the first iteration
+    final_learning_rate    at the last one
+    gradient_clip          largest norm of the gradient of the scaled loss; None clips nothing
+    recompute              save memory by computing each step twice; None decides by the size of the batch
+    loss                   'relative': relative_position_loss; 'absolute': position_loss, the paper's
+    loss_scale             what the loss is multiplied with; None is LOSS_SCALE
+    plastic_learning_rate  of the plastic law, whose gradient is then clipped by itself; None is that of the elastic one
     """
 
     learning_rate: float = 3e-3
@@ -48,12 +50,16 @@ class OptimiserSettings:
     gradient_clip: float | None = None
     recompute: bool | None = None
     loss: str = "relative"
+    loss_scale: float | None = None
+    plastic_learning_rate: float | None = None
 
     def __post_init__(self) -> None:
         if self.loss not in LOSS_SCALE:
             raise unknown_name("training.loss", self.loss, LOSS_SCALE)
-        if not (math.isfinite(self.learning_rate) and self.learning_rate > 0.0):
-            raise UserError(f"training.learning_rate={self.learning_rate} is not accepted; accepted: a positive number")
+        for option in ("learning_rate", "plastic_learning_rate", "loss_scale"):
+            value = getattr(self, option)
+            if value is not None and not (math.isfinite(value) and value > 0.0):
+                raise UserError(f"training.{option}={value} is not accepted; accepted: a positive number")
         if not 0.0 <= self.final_learning_rate <= self.learning_rate:
             raise UserError(
                 f"training.final_learning_rate={self.final_learning_rate} is not accepted; "
@@ -64,6 +70,11 @@ class OptimiserSettings:
                 f"training.gradient_clip={self.gradient_clip} is not accepted; "
                 "accepted: a positive number, or null for none"
             )
+
+    @property
+    def scale(self) -> float:
+        """What the loss is multiplied with."""
+        return LOSS_SCALE[self.loss] if self.loss_scale is None else self.loss_scale
 
 
 class ConstitutiveModule(LightningModule, ABC):
@@ -104,7 +115,7 @@ class ConstitutiveModule(LightningModule, ABC):
         self.log("loss", error.detach(), batch_size=1)
         self.log("segment_length", float(batch.steps), batch_size=1)
         self.log("learning_rate", self.trainer.optimizers[0].param_groups[0]["lr"], batch_size=1)
-        return LOSS_SCALE[self.settings.loss] * self._loss(batch, simulator, predicted, error)
+        return self.settings.scale * self._loss(batch, simulator, predicted, error)
 
     def _loss(self, batch: SegmentBatch, simulator: Simulator, predicted: Tensor, error: Tensor) -> Tensor:
         """What is minimised: the squared error [m^2], or each segment's relative to its motion [-]."""
@@ -165,11 +176,29 @@ class ConstitutiveModule(LightningModule, ABC):
         return sum(errors) / len(errors)
 
     def configure_optimizers(self) -> Any:
-        optimiser = torch.optim.Adam(self.parameters(), lr=self.settings.learning_rate)
+        optimiser = torch.optim.Adam(self._parameter_groups(), lr=self.settings.learning_rate)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(
             optimiser, T_max=self.iterations, eta_min=self.settings.final_learning_rate
         )
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+    def configure_gradient_clipping(
+        self,
+        optimizer: torch.optim.Optimizer,
+        gradient_clip_val: float | None = None,
+        gradient_clip_algorithm: str | None = None,
+    ) -> None:
+        """Clips the gradient, of each law by itself where they have learning rates of their own."""
+        if gradient_clip_val is not None:
+            for group in optimizer.param_groups:
+                nn.utils.clip_grad_norm_(group["params"], gradient_clip_val)
+
+    def _parameter_groups(self) -> list[dict[str, Any]]:
+        """The weights with their learning rates: all together, or those of each law."""
+        if self.settings.plastic_learning_rate is None or self.laws.plasticity is None:
+            return [{"params": list(self.parameters())}]
+        plastic = {"params": list(self.laws.plasticity.parameters()), "lr": self.settings.plastic_learning_rate}
+        return [{"params": list(self.laws.elasticity.parameters())}, plastic]
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["skipped"] = [self.skipped, self.skipped_in_row]
