@@ -25,8 +25,8 @@ test: $(INSTALLED) ## run the tests that take seconds
 test-all: $(INSTALLED) ## run all tests
 	$(PYTEST)
 
-tables: $(INSTALLED) ## write docs/results.md from the JSON files in docs/results/accuracy
-	$(RUN) pcnclaws.results_page docs/results/accuracy docs/results.md
+tables: $(INSTALLED) ## write docs/results.md and docs/comparison.md from the JSON files in docs/results
+	$(RUN) pcnclaws.results_page docs/results/accuracy docs/results.md docs/results/baselines docs/comparison.md
 
 lint: $(INSTALLED) ## check style, types and the direction of imports
 	$(VENV)/bin/ruff check
@@ -35,6 +35,7 @@ lint: $(INSTALLED) ## check style, types and the direction of imports
 	$(VENV)/bin/lint-imports
 
 include accuracy.mk
+include baselines.mk
 
 clean: ## remove caches and built packages; keeps .venv and outputs
 	rm -rf build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -14,7 +14,6 @@ from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import MATERIALS, Laws
 from pcnclaws.laws.plasticity import VonMises
 from pcnclaws.linalg3 import exp_symmetric, identity_like, matmul, transpose
-from pcnclaws.models import build_model
 
 KNOTS = torch.tensor([0.5, 0.9, 1.0, 1.3, 2.0], dtype=torch.float64)
 
@@ -28,7 +27,7 @@ def of_cubic(x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 def random_laws(material: str, size: float) -> Laws:
     """Spline laws in float64 with random weights."""
-    laws = build_model(MATERIALS[material], {"name": "spline", "knots": 9, "reach": 0.7})
+    laws = spline(MATERIALS[material], {"knots": 9, "reach": 0.7})
     generator = seeded(3)
     with torch.no_grad():
         for law in laws:

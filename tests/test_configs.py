@@ -26,7 +26,7 @@ ENTRIES = [path.stem for path in sorted(conf_folder().glob("*.yaml"))]
 OF_ONE_MATERIAL = [entry for entry in ENTRIES if entry != "benchmark"]
 PROBLEMS = [path.stem for path in sorted((conf_folder() / "problem").glob("*.yaml"))]
 EXPERIMENTS = [path.stem for path in sorted((conf_folder() / "experiment").glob("*.yaml"))]
-BASELINES = ("nclaws", "spline", "identified")
+BASELINES = ("nclaws", "spline", "gns", "identified")
 CHOICES = [
     (path.parent.name, path.stem)
     for path in sorted(conf_folder().glob("*/*.yaml"))

@@ -2,13 +2,12 @@
 
 import logging
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
 import torch
-from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 
 from pcnclaws.data.dataset import SegmentBatch
@@ -22,14 +21,13 @@ from pcnclaws.rollout import differentiable_rollout
 from pcnclaws.simulator import Simulator
 from pcnclaws.skips import Skips
 from pcnclaws.training.losses import position_loss, relative_position_loss, unstressed_positions
+from pcnclaws.training.watched import WatchedModule
 
 log = logging.getLogger(__name__)
 
 # The optimiser sees the loss times this, meant to keep gradients above its epsilon of 1e-8: squared metres are tiny
 # numbers, relative errors small ones.
 LOSS_SCALE = {"relative": 1e4, "absolute": 1e8}
-# So many iterations in a row without a finite gradient end a run.
-MOST_SKIPPED = 20
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,7 @@ class OptimiserSettings:
         return LOSS_SCALE[self.loss] if self.loss_scale is None else self.loss_scale
 
 
-class ConstitutiveModule(LightningModule, ABC):
+class ConstitutiveModule(WatchedModule):
     """Trains the laws of a material by differentiating through the simulation.
 
     laws        neural laws, trained in place
@@ -95,11 +93,14 @@ class ConstitutiveModule(LightningModule, ABC):
         iterations: int,
         skips: Skips | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(optimiser.gradient_clip)
         self.laws, self.skips = laws, skips or Skips()
         self.simulators = nn.ModuleList(simulator_of(laws, setting, self.skips) for setting in settings)
         self.settings, self.iterations = optimiser, iterations
-        self.skipped = self.skipped_in_row = 0
+
+    @property
+    def model(self) -> Laws:
+        return self.laws
 
     @staticmethod
     @abstractmethod
@@ -127,32 +128,7 @@ class ConstitutiveModule(LightningModule, ABC):
         segments = batch.scenes.scene_index, batch.scenes.scene_count
         return relative_position_loss(predicted, batch.target, unstressed, *segments)
 
-    def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
-        """Watches the gradient: an iteration without a finite one leaves the weights and the optimiser as they are."""
-        gradients = [weight.grad for weight in self.parameters() if weight.grad is not None]
-        norm = nn.utils.get_total_norm(gradients)
-        self.log("gradient_norm", norm, batch_size=1)
-        if bool(torch.isfinite(norm)):
-            self.skipped_in_row = 0
-            return
-        optimizer.zero_grad(set_to_none=True)
-        self.skipped, self.skipped_in_row = self.skipped + 1, self.skipped_in_row + 1
-        log.warning(
-            "iteration %d skipped: its gradient is not finite (%d skipped so far)",
-            self.trainer.global_step,
-            self.skipped,
-        )
-        if self.skipped_in_row >= MOST_SKIPPED:
-            raise SimulationDiverged(
-                f"training diverged: no finite gradient in {MOST_SKIPPED} iterations in a row up to iteration "
-                f"{self.trainer.global_step}; lower training.learning_rate or shorten training.segment_length"
-            )
-
-    def validation_step(self, batch: list[SceneRecord], batch_idx: int) -> None:
-        self.log("validation_mse", self.rollout_error(batch), batch_size=1)
-
     def rollout_error(self, records: Sequence[SceneRecord]) -> float:
-        """Mean position MSE [m^2] of whole rollouts of recorded scenes; infinite if one diverges."""
         weight = next(self.parameters())
         steps = [record.frame_steps() for record in records]
         every = math.gcd(*(int(step) for of_scene in steps for step in of_scene))
@@ -199,9 +175,3 @@ class ConstitutiveModule(LightningModule, ABC):
             return [{"params": list(self.parameters())}]
         plastic = {"params": list(self.laws.plasticity.parameters()), "lr": self.settings.plastic_learning_rate}
         return [{"params": list(self.laws.elasticity.parameters())}, plastic]
-
-    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        checkpoint["skipped"] = [self.skipped, self.skipped_in_row]
-
-    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        self.skipped, self.skipped_in_row = checkpoint["skipped"]
