@@ -19,7 +19,7 @@ from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.materials import MATERIALS, Laws
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.tensor_types import Matrices, Parameters
-from pcnclaws.training import module as training_module
+from pcnclaws.training import watched
 from pcnclaws.training.fit import FitResult, fit
 from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
@@ -117,7 +117,7 @@ def test_an_iteration_without_a_finite_gradient_changes_nothing(
 def test_many_bad_gradients_in_a_row_end_the_run(
     records: list[SceneRecord], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(training_module, "MOST_SKIPPED", 3)
+    monkeypatch.setattr(watched, "MOST_SKIPPED", 3)
     with pytest.raises(SimulationDiverged, match=r"no finite gradient in 3 iterations in a row.*learning_rate"):
         trained(MultiSceneModule, Laws(Brittle(0.7), None), records, tmp_path)
 
