@@ -16,6 +16,8 @@ quick :=
 single := regime=single_scene training.iterations=400
 multi_paper := model=pcnclaws_paper
 multi_positions := training=initial
+long_positions := training=initial training.iterations=360
+free_flow_positions := $(long_positions) model=pcnclaws_free_flow
 structure := training.iterations=0
 no_prior := model=pcnclaws_no_prior training.iterations=400
 scenes_4 := data.train_scenes=4
@@ -39,6 +41,8 @@ tasks_multi := $(TASKS) outside_range
 tasks_single := $(TASKS)
 tasks_multi_paper := $(PAPER_TASKS)
 tasks_multi_positions := $(BRIEF)
+tasks_long_positions := $(BRIEF)
+tasks_free_flow_positions := $(BRIEF)
 tasks_structure := $(PAPER_TASKS)
 tasks_no_prior := $(PAPER_TASKS)
 tasks_quick := $(BRIEF)
@@ -56,7 +60,7 @@ evaluated_single := reconstruction long_term geometry unseen_motion
 define row
 $(LAWS)/$(1)_$(2)/metrics.json: | $(INSTALLED)
 	$$(RUN) pcnclaws.train experiment=$(1)_multi $($(2)) output=$(LAWS)/$(1)_$(2) threads=1 \
-		data.folder=outputs/data/$(1)$(if $(filter scenes_%,$(2)),_$(2))
+		data.folder=outputs/data/$(1)$(if $(filter scenes_% try_double_precision,$(2)),_$(2))
 
 $(RESULTS)/$(1)/$(2)/training.json: $(LAWS)/$(1)_$(2)/metrics.json
 	@mkdir -p $$(@D) && cp $$< $$@
@@ -71,7 +75,7 @@ $(RESULTS)/$(1)/$(2)/$(3).json: $(LAWS)/$(1)_$(2)/metrics.json
 	$$(RUN) pcnclaws.evaluate material=$(1) law=$(LAWS)/$(1)_$(2) task=$(3) threads=1 \
 		output=$(LAWS)/$(1)_$(2)/evaluation/$(3).json \
 		$(if $(filter $(3),$(evaluated_$(2))),$(evaluation_$(2))) \
-		$(if $(filter multi,$(2)),,picture=false) \
+		$(if $(filter multi,$(2)),,picture=false may_diverge=true) \
 		$(if $(and $(filter multi,$(2)),$(filter-out outside_range,$(3))),,floor=false)
 	@mkdir -p $$(@D) && cp $(LAWS)/$(1)_$(2)/evaluation/$(3).json $$@
 $(if $(filter multi,$(2)),$(foreach kind,$(shown_$(3)),	@cp $(LAWS)/$(1)_$(2)/evaluation/$(3)_$(kind).png $$(@D)))
@@ -82,6 +86,7 @@ endef
 rows = $(foreach name,$(1),$(foreach material,$(2),$(eval $(call row,$(material),$(name)))))
 $(call rows,multi single,$(FAMILY))
 $(call rows,multi_positions structure,$(FAMILY) $(OUTSIDERS))
+$(call rows,long_positions free_flow_positions,tresca)
 $(call rows,quick no_prior multi_paper scenes_4 scenes_8 scenes_24,$(FAMILY))
 $(call rows,seed_1 seed_2,sand)
 $(call rows,$(VARIATIONS),elasticity sand)

@@ -1,5 +1,6 @@
 """From the composed configuration to objects, each option checked where its object is made."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,8 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 
 from pcnclaws.backend import use_backend
+from pcnclaws.data.observation import Observation
+from pcnclaws.data.observation_files import from_record, from_table, observed_record
 from pcnclaws.data.placement import require_inside
 from pcnclaws.data.scenes import SceneStart
 from pcnclaws.data.shapes import PointCloud, particles, read_point_file, spin_velocity
@@ -75,6 +78,28 @@ def start_from(config: DictConfig) -> SceneStart:
     return SceneStart(str(name), material.name, settings, parameters, *body)
 
 
+def observation_from(config: DictConfig, material: Material) -> Observation:
+    """The observation of `observation.*`, with the body of `scene.*` and the settings of `simulation.*` if given."""
+    path = config.observation.file
+    if not isinstance(path, str) or not path:
+        raise UserError(
+            f"observation.file={path or 'null'} is not accepted; accepted: the path of a trajectory file or a CSV file"
+        )
+    body = _observed_body(config)
+    if path.lower().endswith(".csv"):
+        if body is None:
+            raise UserError(f"{path}: markers need a body; accepted: scene.shape=cube, ..., or scene.particles=FILE")
+        settings = _observed_settings(config, SimulationSettings())
+        known = config.scene.velocity is not None or config.scene.particles is not None
+        observation = from_table(path, material.name, settings, body, known)
+    else:
+        record = observed_record(path, config.observation.scene, material.name)
+        observation = from_record(record, _observed_settings(config, record.settings), body)
+        if body is not None and config.scene.velocity is not None:
+            observation = replace(observation, initial_velocity=body.velocity)
+    return observation if config.observation.window is None else observation.between(*_window(config))
+
+
 def whole_number(config: DictConfig, option: str, least: int = 1) -> int:
     """The value of an option such as simulation.steps, a whole number of at least `least`."""
     value: Any = OmegaConf.select(config, option)
@@ -113,7 +138,7 @@ def output_file(config: DictConfig) -> Path:
         raise UserError(f"output={path} is a folder; accepted: the path of a file")
     if path.exists() and not path.is_file():
         raise UserError(f"output={path} is not a regular file; accepted: the path of a file")
-    for option in ("trajectories", "scene.particles"):
+    for option in ("trajectories", "scene.particles", "observation.file"):
         source = OmegaConf.select(config, option)
         if source is not None and path.resolve() == Path(str(source)).resolve():
             raise UserError(f"output={path} is the file of {option}, which would be lost; accepted: another path")
@@ -140,3 +165,32 @@ def _where(config: DictConfig) -> str:
     if scene.particles is not None:
         return f"scene.particles={scene.particles}"
     return f"scene.shape={scene.shape} scene.centre={list(scene.centre)} scene.side={scene.side}"
+
+
+def _observed_body(config: DictConfig) -> PointCloud | None:
+    """The body of `scene.*`; None where it says nothing."""
+    scene = config.scene
+    if scene.shape is None and scene.particles is None:
+        return None
+    known = scene.velocity is not None
+    given = {"velocity": scene.velocity or [0.0, 0.0, 0.0], "spin": (scene.spin if known else None) or [0.0, 0.0, 0.0]}
+    for name, vector in given.items():
+        if len(vector) != 3 or any(isinstance(x, (bool, str)) for x in vector):
+            raise UserError(f"scene.{name}={list(vector)} is not accepted; accepted: three numbers")
+    return body_from(OmegaConf.create({"scene": {**scene, **given}}))
+
+
+def _observed_settings(config: DictConfig, own: SimulationSettings) -> SimulationSettings:
+    """The observation's settings with what `simulation.*` says instead."""
+    names = ("time_step", "grid_nodes", "wall_distance", "gravity", "boundary", "density")
+    given = {name: config.simulation[name] for name in names if config.simulation[name] is not None}
+    if "gravity" in given:
+        given["gravity"] = tuple(float(component) for component in given["gravity"])
+    return replace(own, **given)
+
+
+def _window(config: DictConfig) -> tuple[float, float]:
+    window = config.observation.window
+    if not OmegaConf.is_list(window) or len(window) != 2 or any(isinstance(end, (bool, str)) for end in window):
+        raise UserError(f"observation.window={window} is not accepted; accepted: two times [s]")
+    return float(window[0]), float(window[1])

@@ -69,7 +69,7 @@ def _on_file(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str
     """What becomes of the scenes of a file; no floor, whose truth would have to be analytic."""
     records = _file_records(config, material)
     laws = model_for(str(config.law), material, [record.parameters for record in records])
-    return _simulated(config, records, laws), {}
+    return _simulated(config, records, laws, bool(config.may_diverge)), {}
 
 
 def _on_task(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str, float | None]]:
@@ -87,10 +87,8 @@ def _on_task(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str
     records = [scene for scene in truth if isinstance(scene, SceneRecord)]
     outcomes = [scene for scene in truth if isinstance(scene, DivergedScene)]
     if records:
-        outcomes = [
-            *_simulated(config, _in_time_step(config, records), laws, task.may_diverge or config.may_diverge),
-            *outcomes,
-        ]
+        may_diverge = task.may_diverge or bool(config.may_diverge)
+        outcomes = [*_simulated(config, _in_time_step(config, records), laws, may_diverge), *outcomes]
     if not config.floor or not records:
         return outcomes, {}
     with _progress("simulating the floor", 2 * len(records)) as advance:

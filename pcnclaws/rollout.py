@@ -103,7 +103,26 @@ def differentiable_rollout(
     skips      what is left out, all that is exact by default: the last step is always run, so that a gradient of
                every input exists
     """
-    skips = skips or Skips()
+    at = range(every, steps + 1, every)
+    return positions_at(simulator, state, scenes, parameters, at, steps, recompute, skips)
+
+
+def positions_at(
+    simulator: Simulator,
+    state: ParticleState,
+    scenes: Scenes,
+    parameters: Parameters,
+    at: Sequence[int],
+    steps: int | None = None,
+    recompute: bool | None = None,
+    skips: Skips | None = None,
+) -> Float[Tensor, "frames 3 particles"]:
+    """Positions [m] at some steps, 0 being the start, with derivatives as in differentiable_rollout.
+
+    at     increasing numbers of steps
+    steps  how many are run, None for as many as are needed
+    """
+    skips, steps = skips or Skips(), max(at[-1], 1) if steps is None else steps
     free = [min(n, steps - 1) for n in _free_steps(simulator, state, scenes, parameters, steps, skips)]
     weights = list(simulator.parameters())
     if weights and not skips.weight_gradients and not any(weight.requires_grad for weight in weights):
@@ -115,7 +134,8 @@ def differentiable_rollout(
         simulator.step_function, state, scenes, parameters, simulator.integrator.settings.time_step, free
     )
 
-    positions = []
+    wanted = set(at)
+    positions = [state.position] if 0 in wanted else []
     for n in range(1, steps + 1):
         after = run.state
         if run.any_running and recompute and torch.is_grad_enabled():
@@ -123,7 +143,7 @@ def differentiable_rollout(
         elif run.any_running:
             after = run.step(run.state)
         run.reached(n, after)
-        if n % every == 0:
+        if n in wanted:
             positions.append(run.whole().position)
     return torch.stack(positions)
 

@@ -92,16 +92,9 @@ def model_for(law: str, material: Material, parameters: Iterable[Mapping[str, fl
 
     parameters  the physical parameters they will be used with: one line warns of those outside the training data
     """
-    if law == "analytic":
+    folder = law_folder(law, material)
+    if folder is None:
         return analytic_laws(material)
-    folder = Path(law)
-    if law == "pretrained":
-        folder = PRETRAINED / material.name
-        if not folder.is_dir():
-            raise UserError(
-                f"law=pretrained: no weights ship for {material.name}; train some with "
-                f"'python -m pcnclaws.train experiment={material.name}_multi' and name its run folder"
-            )
     run = load_run(folder)
     if run.material.name != material.name:
         raise UserError(f"law={law} was trained for material={run.material.name}, not {material.name}")
@@ -109,6 +102,21 @@ def model_for(law: str, material: Material, parameters: Iterable[Mapping[str, fl
     if warning:
         log.warning("law=%s: %s", law, warning)
     return run.model
+
+
+def law_folder(law: str, material: Material) -> Path | None:
+    """The folder of the option `law`, None for analytic; UserError where no weights ship for the material."""
+    if law == "analytic":
+        return None
+    if law != "pretrained":
+        return Path(law)
+    folder = PRETRAINED / material.name
+    if not folder.is_dir():
+        raise UserError(
+            f"law=pretrained: no weights ship for {material.name}; train some with "
+            f"'python -m pcnclaws.train experiment={material.name}_multi' and name its run folder"
+        )
+    return folder
 
 
 def outside_training_data(

@@ -14,9 +14,10 @@ from pcnclaws.data.motion import Model
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import SimulationDiverged
 from pcnclaws.evaluation.builtin import paper_errors
+from pcnclaws.evaluation.divergence import survivors
 from pcnclaws.evaluation.gallery import leave_pictures
 from pcnclaws.evaluation.provenance import provenance
-from pcnclaws.evaluation.report import metrics, results_table, write_metrics
+from pcnclaws.evaluation.report import Outcomes, metrics, results_table, survived, write_metrics
 from pcnclaws.evaluation.tasks import SceneResult, evaluate_records, steps_to_run
 from pcnclaws.laws.materials import material_named
 from pcnclaws.mpm.settings import SimulationSettings
@@ -53,14 +54,14 @@ def write_report(
     report: Report, device: torch.device, dtype: torch.dtype, seed: int, pictures: bool, console: Console
 ) -> None:
     """Tests the model before and after training, prints the table, and writes metrics.json and the pictures."""
-    after = _results(report, report.trained, device, dtype, "test after training", console)
+    after = _after(report, device, dtype, console)
     nothing_fitted = report.notes["iterations"] == 0
-    before = after if nothing_fitted else _results_or_none(report, device, dtype, console)
+    before = survived(after) if nothing_fitted else _results_or_none(report, device, dtype, console)
     published = _published(report.scenes.test)
     start = "positions only" if report.notes["positions_only"] else "segments from keyframes"
     title = f"{report.notes['material']}, {report.notes['regime']}, {start}: {len(after)} scenes"
     console.print(results_table(after, title, before, published))
-    for path in _pictures(report, after, before) if pictures else ():
+    for path in _pictures(report, survived(after), before) if pictures else ():
         console.print(f"wrote {path}")
     origin = provenance(seed, device) | {"precision": str(dtype).removeprefix("torch.")}
     # of this command alone: data that was there and iterations before an interruption are not in it
@@ -69,6 +70,14 @@ def write_report(
     write_metrics(report.folder / METRICS, values)
     console.print(f"wrote {report.folder / METRICS}")
     console.print(f"use it with law={report.folder}")
+
+
+def _after(report: Report, device: torch.device, dtype: torch.dtype, console: Console) -> Outcomes:
+    """What the trained law makes of the test; a scene that diverges is a result, and no reason to lose the others."""
+    laws, records = report.trained, report.scenes.test
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        advance = partial(progress.advance, progress.add_task("test after training", total=len(records)))
+        return survivors(records, lambda some: evaluate_records(some, laws, dtype, device, None, report.skips), advance)
 
 
 def _results(
@@ -102,9 +111,7 @@ def _published(records: list[SceneRecord]) -> dict[str, float]:
     }
 
 
-def _metrics(
-    report: Report, after: list[SceneResult], before: list[SceneResult], published: dict[str, float]
-) -> dict[str, Any]:
+def _metrics(report: Report, after: Outcomes, before: list[SceneResult], published: dict[str, float]) -> dict[str, Any]:
     history = report.fitted.history
     values = metrics(after)
     earlier = {result.name: result.mse for result in before}
@@ -120,7 +127,7 @@ def _metrics(
 
 def _pictures(report: Report, after: list[SceneResult], before: list[SceneResult]) -> list[Path]:
     history = report.fitted.history
-    others = leave_pictures(after, report.folder, "predicted", before)
+    others = leave_pictures(after, report.folder, "predicted", before) if after else []
     if not history.loss:
         return others
     loss = loss_curve(

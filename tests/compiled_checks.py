@@ -16,7 +16,7 @@ from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulator import Simulator
 
 MATERIALS = ("elasticity", "plasticine", "sand", "neo_hookean", "tresca")
-MODELS = {"neural": "pcnclaws", "no prior": "pcnclaws_no_prior"}
+MODELS = {"neural": "pcnclaws", "free flow": "pcnclaws_free_flow", "no prior": "pcnclaws_no_prior"}
 COUNTS = (70, 5, 64)  # particles of the scenes: whole and broken blocks
 
 

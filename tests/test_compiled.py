@@ -31,7 +31,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning"),
 ]
 BOTH = pytest.mark.parametrize("kind", ["analytic", "neural"])
-EVERY = pytest.mark.parametrize("kind", ["analytic", "neural", "no prior"])
+EVERY = pytest.mark.parametrize("kind", ["analytic", "neural", "free flow", "no prior"])
 EACH = pytest.mark.parametrize("material", MATERIALS)
 
 

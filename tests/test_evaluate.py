@@ -76,15 +76,30 @@ def test_wrong_input_is_one_line_exit_2_and_no_result(
     assert [path.name for path in tmp_path.iterdir()] == ["x.h5"]
 
 
-def test_a_scene_that_diverges_is_one_line_exit_1_and_no_result(evaluated, record, tmp_path: Path) -> None:
-    # without a wall layer, a body that is fast and low runs through the floor of the domain
+def falling_out(record: SceneRecord) -> SceneRecord:
+    """Without a wall layer, a body that is fast and low runs through the floor of the domain."""
     low = record.position - np.array([0.0, 0.135, 0.0], dtype=np.float32)
     downwards = np.tile(np.array([0.0, -40.0, 0.0], dtype=np.float32), (64, 1))
     change = {"position": low, "initial_velocity": downwards, "velocity": None, "keyframes": None}
-    write_scenes(tmp_path / "x.h5", [replace(record, settings=SimulationSettings(wall_distance=0.0), **change)])
+    return replace(record, settings=SimulationSettings(wall_distance=0.0), **change)
+
+
+def test_a_scene_that_diverges_is_one_line_exit_1_and_no_result(evaluated, record, tmp_path: Path) -> None:
+    write_scenes(tmp_path / "x.h5", [falling_out(record)])
     outcome = evaluated("trajectories=x.h5", "output=m.json")
     assert outcome.status == 1
     for word in ("scene 'a'", "step 2", "particle 0", "time_step=0.0005, stable: at most"):
         assert word in outcome.err
     assert len(outcome.err.splitlines()) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["x.h5"]
+
+
+def test_scenes_that_may_diverge_are_noted_beside_the_others(evaluated, record, tmp_path: Path) -> None:
+    write_scenes(tmp_path / "x.h5", [record, replace(falling_out(record), name="out")])
+    outcome = evaluated("trajectories=x.h5", "output=m.json", "may_diverge=true", "picture=false")
+    assert outcome.status == 0, outcome.err
+    found = json.loads((tmp_path / "m.json").read_text())
+    inside, out = found["scenes"]
+    assert (inside["mse"], out["mse"], found["mse"]) == (0.0, None, 0.0)
+    assert "'out' diverged at step 2" in out["diverged"]
+    assert "diverged" in outcome.out

@@ -9,7 +9,8 @@ from pcnclaws.errors import UserError
 from pcnclaws.laws.elasticity import StVKHencky
 from pcnclaws.laws.materials import MATERIALS, Laws
 from pcnclaws.laws.neural import VARIANTS, build_neural_laws
-from pcnclaws.linalg3 import identity_like, matmul, transpose
+from pcnclaws.laws.neural_free_flow import FreeFlowPlasticNet
+from pcnclaws.linalg3 import deviator, hencky_strain, identity_like, matmul, safe_norm, transpose
 
 pytestmark = pytest.mark.usefixtures("each_backend")
 
@@ -25,11 +26,11 @@ def with_random_weights(material: str, name: str, size: float) -> Laws:
 
 
 @pytest.mark.parametrize("size", [0.0, 0.3])
-@pytest.mark.parametrize("name", ["pcnclaws", "pcnclaws_no_prior"])
+@pytest.mark.parametrize("name", ["pcnclaws", "pcnclaws_free_flow", "pcnclaws_no_prior"])
 @pytest.mark.parametrize("material", list(MATERIALS))
 def test_the_laws_obey_what_laws_must(material: str, name: str, size: float) -> None:
     laws = with_random_weights(material, name, size)
-    check_elasticity(laws.elasticity, MATERIALS[material].defaults, keeps_moduli=name == "pcnclaws")
+    check_elasticity(laws.elasticity, MATERIALS[material].defaults, keeps_moduli=name != "pcnclaws_no_prior")
     if laws.plasticity is not None:
         # the learned yield surface depends on the strain itself, so that a second return may flow a little more
         check_plasticity(laws.plasticity, MATERIALS[material].defaults, idempotent=False)
@@ -69,7 +70,30 @@ def test_without_prior_the_untrained_laws_know_nothing_of_the_parameters() -> No
     torch.testing.assert_close(laws.elasticity(f, per_particle(low, COUNT)), expected, rtol=1e-9, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["pcnclaws", "pcnclaws_no_prior"])
+def test_a_free_flow_that_is_not_turned_is_the_radial_return() -> None:
+    parameters = per_particle(MATERIALS["tresca"].defaults, COUNT)
+    radial, free = (with_random_weights("tresca", name, 0.0).plasticity for name in ("pcnclaws", "pcnclaws_free_flow"))
+    assert radial is not None
+    assert free is not None
+    f = deformations(44, 0.2)
+    torch.testing.assert_close(free(f, parameters), radial(f, parameters), rtol=1e-12, atol=1e-12)
+
+
+def test_a_turned_flow_keeps_the_size_of_shear_and_changes_its_direction() -> None:
+    law, parameters = with_random_weights("tresca", "pcnclaws_free_flow", 0.0).plasticity, MATERIALS["tresca"].defaults
+    assert isinstance(law, FreeFlowPlasticNet)
+    f, values = deformations(44, 0.2), per_particle(parameters, COUNT)
+    with torch.no_grad():
+        radial = deviator(hencky_strain(law(f, values)))
+        law.network.biases[-1][3] = 0.05
+        turned = deviator(hencky_strain(law(f, values)))
+    torch.testing.assert_close(safe_norm(turned), safe_norm(radial), rtol=1e-8, atol=1e-12)
+    cosine = (turned * radial).sum((0, 1)) / safe_norm(radial).square()
+    assert float(cosine.min()) > 0.0
+    assert float(cosine.min()) < 0.9  # nowhere near the radius
+
+
+@pytest.mark.parametrize("name", ["pcnclaws", "pcnclaws_free_flow", "pcnclaws_no_prior"])
 def test_the_networks_are_told_every_parameter(name: str) -> None:
     laws, material = with_random_weights("plasticine", name, 0.3), MATERIALS["plasticine"]
     assert laws.plasticity is not None

@@ -23,6 +23,7 @@ LAWS = (
     "NeoHookean",
     "Tresca",
     "NoPriorElasticNet",
+    "FreeFlowPlasticNet",
 )
 LAYERS = 3
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.autograd import forward_ad
 
 from pcnclaws.compiled.kernels import kernels_serve
 from pcnclaws.compiled.laws import isotropic_law
@@ -57,7 +56,8 @@ class Law(nn.Module, ABC):
 class FixedParameters(dict[str, Tensor]):
     """Parameters that stay the same from step to step: what the kernels read of them is made once.
 
-    Not where they are differentiated: a graph belongs to one backward pass.
+    Not where they are differentiated in reverse mode: a graph belongs to one backward pass. Rates of forward mode are
+    kept with them, so that such an object must not outlive the level of forward mode that it was made in.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -65,8 +65,8 @@ class FixedParameters(dict[str, Tensor]):
         self._rows: dict[Law, Tensor] = {}
 
     def rows_of(self, law: Law) -> Tensor | None:
-        """Law.kernel_rows, or None where the parameters are differentiated."""
-        if forward_ad._current_level >= 0 or any(value.requires_grad for value in self.values()):
+        """Law.kernel_rows, or None where the parameters are differentiated in reverse mode."""
+        if any(value.requires_grad for value in self.values()):
             return None
         if law not in self._rows:
             self._rows[law] = law.kernel_rows(self)

@@ -5,11 +5,13 @@ from collections.abc import Mapping
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.laws.materials import Laws, Material
 from pcnclaws.laws.neural_default import ElasticNet, PlasticNet
+from pcnclaws.laws.neural_free_flow import FreeFlowPlasticNet
 from pcnclaws.laws.neural_no_prior import NoPriorElasticNet, NoPriorPlasticNet
 from pcnclaws.laws.neural_paper import PaperElasticNet, PaperPlasticNet
 
 VARIANTS = {
     "pcnclaws": (ElasticNet, PlasticNet),
+    "pcnclaws_free_flow": (ElasticNet, FreeFlowPlasticNet),
     "pcnclaws_no_prior": (NoPriorElasticNet, NoPriorPlasticNet),
     "pcnclaws_paper": (PaperElasticNet, PaperPlasticNet),
 }

@@ -108,6 +108,7 @@ class PlasticNet(Plasticity):
 
     kernel = "PlasticNet"
     conditioning: type[StandardisedParameters] = DimensionlessParameters
+    outputs = 3  # of the network
 
     def __init__(self, material: Material, width: int) -> None:
         super().__init__()
@@ -115,7 +116,7 @@ class PlasticNet(Plasticity):
             raise ValueError(f"material '{material.name}' is purely elastic and has no plastic law")
         self.parameter_names = material.plasticity.parameter_names
         self.condition = self.conditioning(material.ranges, self.parameter_names)
-        self.network = ConditionalMLP(2 + self.condition.count, 3, width)
+        self.network = ConditionalMLP(2 + self.condition.count, self.outputs, width)
 
     def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
         return self._unit(parameters), self._strain_for_stress(parameters), *self.condition(parameters)
@@ -128,15 +129,19 @@ class PlasticNet(Plasticity):
         h = hencky_strain(trial)
         dev, volumetric = deviator(h), trace(h)
         shear = safe_norm(dev)
+        f = self.network(torch.cat((_direction(dev, volumetric, shear), self.condition(parameters))))
         unit = self._unit(parameters)
-        tension, cohesion, friction = self._surface(dev, volumetric, shear, parameters)
+        tension, cohesion, friction = self._surface(f, parameters)
 
         volumetric_after = torch.minimum(volumetric, unit * tension)
         limit = unit * cohesion + friction * (-volumetric_after).clamp_min(0.0)
-        kept = torch.minimum(shear, limit) / torch.where(shear > 0.0, shear, 1.0)
-        flow = torch.where(shear > limit, kept - 1.0, 0.0) * dev
+        flow = torch.where(shear > limit, self._flow(dev, shear, limit, f), 0.0)
         flow = flow + identity_like(h) * ((volumetric_after - volumetric) / 3.0)
         return matmul(exp_symmetric(flow), trial)
+
+    def _flow(self, dev: Matrices, shear: Scalars, limit: Scalars, f: Tensor) -> Matrices:
+        """What a particle that yields adds to dev h: it goes straight back to the surface."""
+        return (limit / torch.where(shear > limit, shear, 1.0) - 1.0) * dev
 
     def _unit(self, parameters: Parameters) -> Scalars:
         """The strain that tensile limit and cohesion are measured in."""
@@ -149,14 +154,15 @@ class PlasticNet(Plasticity):
         lam, mu = lame_constants(parameters)
         return (lam + 2.0 / 3.0 * mu) / (2.0 * mu)
 
-    def _surface(
-        self, dev: Matrices, volumetric: Scalars, shear: Scalars, parameters: Parameters
-    ) -> tuple[Tensor, ...]:
+    def _surface(self, f: Float[Tensor, "outputs particles"], parameters: Parameters) -> tuple[Tensor, ...]:
         """Tensile limit, cohesion (both in yield strains) and friction (in strains)."""
-        size = (shear.square() + volumetric.square() + 1e-8).sqrt()
-        direction = torch.stack((volumetric / size, 3.0 * determinant(dev) * 6.0**0.5 / (shear + 1e-4).pow(3)))
-        of_tension, of_cohesion, of_friction = self.network(torch.cat((direction, self.condition(parameters))))
         # squares reach 0, where the logarithm of a limit would have to travel for ever
-        tension, cohesion = (1.0 + 4.0 * torch.stack((of_tension, of_cohesion))).square()
-        friction = functional.softplus(SOFTPLUS_ONE + 4.0 * of_friction)
+        tension, cohesion = (1.0 + 4.0 * f[:2]).square()
+        friction = functional.softplus(SOFTPLUS_ONE + 4.0 * f[2])
         return tension, cohesion, self._strain_for_stress(parameters) * friction
+
+
+def _direction(dev: Matrices, volumetric: Scalars, shear: Scalars) -> Float[Tensor, "2 particles"]:
+    """Where a strain points, whatever its size: its share of volume, and its shear from extension to compression."""
+    size = (shear.square() + volumetric.square() + 1e-8).sqrt()
+    return torch.stack((volumetric / size, 3.0 * determinant(dev) * 6.0**0.5 / (shear + 1e-4).pow(3)))

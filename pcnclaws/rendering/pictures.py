@@ -38,11 +38,18 @@ def trajectory_picture(record: SceneRecord, path: Path, times: int = 5) -> Path:
     return _save(figure, path)
 
 
-def predicted_beside_true(true: SceneRecord, predicted: SceneRecord, path: Path, times: int = 5) -> Path:
+def predicted_beside_true(
+    true: SceneRecord,
+    predicted: SceneRecord,
+    path: Path,
+    times: int = 5,
+    words: tuple[str, str] = ("true", "predicted"),
+) -> Path:
     """The true trajectory above the predicted one at `times` evenly spread frames.
 
     The predicted particles are coloured by their distance from the true ones.
     true, predicted  the same particles at the same frames
+    words            what the two are called
     """
     camera = camera_for([true, predicted], PANEL_WIDTH)
     frames = _spread(true, times)
@@ -54,12 +61,12 @@ def predicted_beside_true(true: SceneRecord, predicted: SceneRecord, path: Path,
         _show(axes[0][column], panel(true, int(frame), camera))
         _show(axes[1][column], panel(predicted, int(frame), camera, colour))
         axes[0][column].set_title(_time_label(true, int(frame)), fontsize=8)
-    axes[0][0].set_ylabel("true", fontsize=9)
-    axes[1][0].set_ylabel("predicted", fontsize=9)
+    for row, word in zip(axes, words, strict=True):
+        row[0].set_ylabel(word, fontsize=9)
     bar = figure.colorbar(
         ScalarMappable(scale, ERROR_COLOURS), ax=axes[1], fraction=0.012, pad=0.01, extend="max", ticks=MaxNLocator(4)
     )
-    bar.set_label("distance from true [mm]", fontsize=7)
+    bar.set_label(f"distance from {words[0]} [mm]", fontsize=7)
     bar.ax.tick_params(labelsize=7)
     figure.suptitle(_comparison_title(true, predicted), fontsize=10)
     return _save(figure, path)

@@ -57,6 +57,8 @@ template <class Work> int with_law(int number, const LawInput<T>& in, Work work)
                 return run(Tresca{});
             case 8:
                 return run(NoPriorElasticNet{});
+            case 9:
+                return run(FreeFlowPlasticNet{});
         }
         return false;
     });

@@ -161,18 +161,42 @@ struct PlasticNet {  // parameters: strain that the limits are measured in, stra
         const V root = 1.0 + 4.0 * value_of(f);
         return chain(f, root * root, 8.0 * root);
     }
-    template <class S> static void respond(const S h[3], const S*, const S* p, const S* f, S y[3]) {
-        S dev[3];
+    // Strains after the return: flow(dev, shear, largest, change) says what a particle that yields adds to dev h.
+    template <class S, class Flow> static void to_surface(const S h[3], const S* p, const S* f, S y[3], Flow flow) {
+        S dev[3], change[3];
         deviator(h, dev);
         const S volumetric = trace(h), shear = safe_root(sum_of_squares(dev)), zero = constant(V{}, shear);
         const S tension = p[0] * limit(f[0]), cohesion = p[0] * limit(f[1]),
                 friction = p[1] * softplus(4.0 * f[2] + SOFTPLUS_ONE);
         const S after = select(value_of(volumetric) > value_of(tension), tension, volumetric);
         const S largest = cohesion + friction * select(value_of(after) < 0.0, -after, zero);
-        const Mask flows = value_of(shear) > value_of(largest);
-        const S change = select(flows, largest / select(flows, shear, zero + 1.0) - 1.0, zero);
+        const Mask yields = value_of(shear) > value_of(largest);
         const S mean = (after - volumetric) / 3.0;
-        for (int i = 0; i < 3; i++) y[i] = change * dev[i] + mean;
+        flow(dev, select(yields, shear, zero + 1.0), largest, change);
+        for (int i = 0; i < 3; i++) y[i] = select(yields, change[i], zero) + mean;
+    }
+    template <class S> static void respond(const S h[3], const S*, const S* p, const S* f, S y[3]) {
+        to_surface(h, p, f, y, [](const S dev[3], const S& shear, const S& largest, S change[3]) {
+            const S share = largest / shear - 1.0;
+            for (int i = 0; i < 3; i++) change[i] = share * dev[i];
+        });
+    }
+};
+
+struct FreeFlowPlasticNet : PlasticNet {
+    static constexpr int OUTPUTS = 4;
+    static constexpr double TURN = 9.797958971132712;  // 4 sqrt(6)
+    template <class S> static void respond(const S h[3], const S*, const S* p, const S* f, S y[3]) {
+        to_surface(h, p, f, y, [&](const S dev[3], const S& shear, const S& largest, S change[3]) {
+            S n[3], w[3];
+            for (int i = 0; i < 3; i++) n[i] = dev[i] / shear;
+            const S third = sum_of_squares(n) / 3.0, lode = 3.0 * (n[0] * n[1] * n[2]);
+            const S turn = (shear - largest) * TURN * f[3], one = constant(V{}, third) + 1.0;
+            for (int i = 0; i < 3; i++) w[i] = largest * n[i] - turn * (square(n[i]) - third - lode * n[i]);
+            const S length = safe_root(sum_of_squares(w));
+            const S share = largest / select(value_of(length) > 0.0, length, one);
+            for (int i = 0; i < 3; i++) change[i] = share * w[i] - dev[i];
+        });
     }
 };
 

@@ -5,7 +5,7 @@
 namespace pcnclaws {
 
 struct Tape {
-    static constexpr int MOST = 96;  // operations, more than any law has
+    static constexpr int MOST = 160;  // operations, more than any law has
     V slope[MOST][2];
     int parent[MOST][2];
     V gradient[MOST];

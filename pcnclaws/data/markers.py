@@ -1,0 +1,46 @@
+"""Markers on a body: which particles each of them follows."""
+
+import numpy as np
+from jaxtyping import Float, Int64
+from scipy.spatial import KDTree
+
+from pcnclaws.errors import UserError
+
+# Particles that a marker follows: those around it in a lattice.
+FOLLOWED = 8
+
+
+def followed_particles(
+    marker: Float[np.ndarray, "markers 3"],
+    names: list[str],
+    position: Float[np.ndarray, "particles 3"],
+    reach: float,
+) -> tuple[Int64[np.ndarray, "markers followed"], Float[np.ndarray, "markers followed"]]:
+    """The nearest particles of each marker, and weights that put it where it is, in any affine motion of them.
+
+    marker    at the start [m]
+    position  of the particles at the start [m]
+    reach     largest accepted distance from the nearest particle [m]
+    raises    UserError naming a marker that is farther from the body
+    """
+    count = min(FOLLOWED, len(position))
+    distance, particle = KDTree(position).query(marker, k=count)
+    distance, particle = distance.reshape(len(marker), count), particle.reshape(len(marker), count)
+    far = int(np.argmax(distance[:, 0]))
+    if distance[far, 0] > reach:
+        raise UserError(
+            f"marker '{names[far]}' is {distance[far, 0]:.3g} m from the body; accepted: at most one grid cell, "
+            f"{reach:.3g} m, at the start"
+        )
+    weight = np.array([_weights(m, position[p], d) for m, p, d in zip(marker, particle, distance, strict=True)])
+    return particle.astype(np.int64), weight
+
+
+def _weights(marker: np.ndarray, around: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Weights of sum 1 whose mean position is the marker, near the inverse squares of the distances."""
+    near = 1.0 / np.maximum(distance, 1e-9) ** 2
+    near /= near.sum()
+    moments = np.vstack((np.ones(len(around)), (around - marker).T / distance.max()))
+    lacking = np.array((1.0, 0.0, 0.0, 0.0)) - moments @ near
+    spread = (moments * near) @ moments.T
+    return near + near * (moments.T @ np.linalg.pinv(spread, rcond=1e-9) @ lacking)

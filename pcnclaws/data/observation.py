@@ -1,0 +1,57 @@
+"""What was seen of a scene: where some points of a body were at some times, and the body that they belong to."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int64
+
+from pcnclaws.errors import UserError
+from pcnclaws.mpm.settings import SimulationSettings
+
+
+@dataclass(frozen=True)
+class Observation:
+    """Observed motion, and the undeformed body at its start.
+
+    time              of the frames, since the start of the simulation [s], (frames,)
+    target            observed positions of the markers [m], (frames, markers, 3), NaN where one was not seen
+    particle          the particles that each marker follows, (markers, followed)
+    weight            of each of them [-], (markers, followed), sums of 1
+    position          of the particles at the start [m], (particles, 3)
+    volume            [m^3], (particles,)
+    initial_velocity  of the particles [m/s], (particles, 3), None where it is not known
+    truth             physical parameters that the file stores, for a look beside the estimate, and for nothing else
+    """
+
+    name: str
+    material: str
+    settings: SimulationSettings
+    time: Float[np.ndarray, " frames"]
+    target: Float[np.ndarray, "frames markers 3"]
+    particle: Int64[np.ndarray, "markers followed"]
+    weight: Float[np.ndarray, "markers followed"]
+    position: Float[np.ndarray, "particles 3"]
+    volume: Float[np.ndarray, " particles"]
+    initial_velocity: Float[np.ndarray, "particles 3"] | None
+    truth: Mapping[str, float]
+
+    @property
+    def seen(self) -> Bool[np.ndarray, "frames markers"]:
+        """Where a marker was seen, (frames, markers)."""
+        return np.asarray(np.isfinite(self.target).all(2))
+
+    @property
+    def spacing(self) -> float:
+        """Distance of neighbouring particles [m]: the edge of the cube that one stands for."""
+        return float(np.mean(self.volume) ** (1.0 / 3.0))
+
+    def between(self, first: float, last: float) -> "Observation":
+        """The frames from one time to another [s]; UserError where none is left."""
+        kept = (self.time >= first) & (self.time <= last)
+        if not self.seen[kept].any():
+            raise UserError(
+                f"observation.window=[{first:g}, {last:g}] holds no observed position; "
+                f"accepted: two times within {self.time[0]:g} and {self.time[-1]:g} s"
+            )
+        return replace(self, time=self.time[kept], target=self.target[kept])

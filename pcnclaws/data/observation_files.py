@@ -1,0 +1,159 @@
+"""Observations from files: a trajectory file of ours, or a table of markers.
+
+time, marker, x, y, z        a CSV file with this header, in seconds and metres; an empty coordinate was not seen
+"""
+
+import csv
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from pcnclaws.data.hdf5 import read_scenes, scene_names
+from pcnclaws.data.markers import followed_particles
+from pcnclaws.data.observation import Observation
+from pcnclaws.data.placement import require_inside
+from pcnclaws.data.records import SceneRecord
+from pcnclaws.data.shapes import PointCloud
+from pcnclaws.errors import UserError
+from pcnclaws.mpm.settings import SimulationSettings
+
+COLUMNS = ("time", "marker", "x", "y", "z")
+# Positions beyond the domain by more than this are in other units [m].
+BEYOND = 0.5
+# Frames this near to the start are at the start [s].
+AT_START = 1e-6
+
+
+def observed_record(path: str | Path, name: str | None, material: str) -> SceneRecord:
+    """The scene of a trajectory file that is to be explained.
+
+    name    which one, where the file holds several
+    raises  UserError for a file that cannot be used
+    """
+    known = scene_names(path)
+    if name is None and len(known) > 1:
+        raise UserError(
+            f"{path}: holds {len(known)} scenes; accepted: observation.scene= one of {', '.join(known[:20])}"
+        )
+    record = read_scenes(path, [name or known[0]], with_keyframes=False)[0]
+    if record.material != material:
+        raise UserError(f"{record.label}: was observed of material '{record.material}'; accepted: {material}")
+    return record
+
+
+def from_record(
+    record: SceneRecord, settings: SimulationSettings | None = None, body: PointCloud | None = None
+) -> Observation:
+    """A recorded scene as an observation: its particles are the markers.
+
+    settings  to simulate with instead of the record's
+    body      particles to simulate instead of the record's own, which then follow them as markers do
+    """
+    settings = settings or record.settings
+    target = record.position.astype(np.float64)
+    _require_metres(target, record.label)
+    require_inside(record.position[0], record.settings, record.label, slack=0.5 * record.settings.grid_spacing)
+    own = np.arange(target.shape[1])[:, None], np.ones((target.shape[1], 1))
+    followed = own
+    position, volume = target[0], record.volume.astype(np.float64)
+    velocity = None if record.initial_velocity is None else record.initial_velocity.astype(np.float64)
+    if body is not None:
+        names = [str(number) for number in range(target.shape[1])]
+        followed = followed_particles(target[0], names, body.position, settings.grid_spacing)
+        position, volume, velocity = body.position, body.volume, None
+    time = record.time - record.time[0]
+    return Observation(
+        record.name, record.material, settings, time, target, *followed, position, volume, velocity, record.parameters
+    )
+
+
+def from_table(
+    path: str | Path, material: str, settings: SimulationSettings, body: PointCloud, velocity_known: bool
+) -> Observation:
+    """The markers of a CSV file on a body of known shape, placed where they are in the first frame.
+
+    body            the particles at time 0, the start of the simulation
+    velocity_known  whether the body's velocities are those of the start
+    """
+    time, names, target = _read_table(Path(path))
+    _require_metres(target, str(path))
+    first = target[0]
+    placed = np.isfinite(first).all(1)
+    if abs(time[0]) > AT_START or not placed.any():
+        raise UserError(
+            f"{path}: its first frame is at {time[0]:g} s with {int(placed.sum())} markers; accepted: time 0, the "
+            "start, where each marker has its place on the body"
+        )
+    names = [name for name, known in zip(names, placed, strict=True) if known]
+    require_inside(body.position, settings, "scene")
+    followed = followed_particles(first[placed], names, body.position, settings.grid_spacing)
+    velocity = body.velocity if velocity_known else None
+    return Observation(
+        Path(path).stem,
+        material,
+        settings,
+        time,
+        target[:, placed],
+        *followed,
+        body.position,
+        body.volume,
+        velocity,
+        {},
+    )
+
+
+def _read_table(path: Path) -> tuple[np.ndarray, list[str], Float[np.ndarray, "frames markers 3"]]:
+    """Times, names of the markers in the order of the file, and positions."""
+    if not path.is_file():
+        raise UserError(f"{path}: no such file")
+    places: dict[tuple[float, str], tuple[float, ...]] = {}
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
+        rows = csv.DictReader(file)
+        header = [str(name).strip() for name in rows.fieldnames or ()]
+        missing = [name for name in COLUMNS if name not in header]
+        if missing:
+            raise UserError(f"{path}: the column '{missing[0]}' is missing; accepted: the header {','.join(COLUMNS)}")
+        for row in rows:
+            values = {str(key).strip(): value for key, value in row.items()}
+            time, *position = (_number(values[name], name, path, rows.line_num) for name in COLUMNS if name != "marker")
+            if not math.isfinite(time):
+                raise UserError(f"{path}: line {rows.line_num} has no time; accepted: seconds since the start")
+            places[time, str(values["marker"]).strip()] = tuple(position)
+    if not places:
+        raise UserError(f"{path}: holds no marker; accepted: lines of {','.join(COLUMNS)}")
+    times, names = sorted({time for time, _ in places}), list(dict.fromkeys(name for _, name in places))
+    target = np.full((len(times), len(names), 3), np.nan)
+    frame, column = ({key: k for k, key in enumerate(keys)} for keys in (times, names))
+    for (time, name), position in places.items():
+        if all(map(math.isfinite, position)):
+            target[frame[time], column[name]] = position
+    return np.array(times), names, target
+
+
+def _number(text: str | None, name: str, path: Path, line: int) -> float:
+    """The number of a cell; NaN of an empty one."""
+    if text is None or not text.strip():
+        return math.nan
+    try:
+        return float(text)
+    except ValueError:
+        raise UserError(
+            f"{path}: line {line}: {name}='{text[:40]}' is not a number; accepted: a number, or empty"
+        ) from None
+
+
+def _require_metres(target: Float[np.ndarray, "frames markers 3"], where: str) -> None:
+    seen = target[np.isfinite(target)]
+    if not len(seen):
+        raise UserError(f"{where}: no position was observed, all are NaN; accepted: at least one")
+    if seen.min() < -BEYOND or seen.max() > 1.0 + BEYOND:
+        far = seen[np.argmax(np.abs(seen - 0.5))]
+        raise UserError(f"{where}: holds the coordinate {far:.4g}, far beyond the domain of 1 m; metres expected")
+
+
+def stored_truth(observation: Observation, names: tuple[str, ...]) -> Mapping[str, float]:
+    """The parameters that the file stores, of those that are sought."""
+    return {name: observation.truth[name] for name in names if name in observation.truth}

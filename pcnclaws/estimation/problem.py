@@ -1,0 +1,289 @@
+"""The distance of a simulated motion from the observed one, and how it changes with every unknown.
+
+Candidates, and the copies of the scene that carry one derivative each, are scenes of one batch. Derivatives are exact,
+in forward mode: a rollout of K copies gives the Jacobian of K unknowns, and no graph is kept.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.autograd import forward_ad
+
+from pcnclaws.data.observation import Observation
+from pcnclaws.data.scenes import SceneStart, simulator_of, vectors_first
+from pcnclaws.errors import UserError
+from pcnclaws.estimation.unknowns import TIME_OFFSET, Unknowns
+from pcnclaws.laws.materials import Laws
+from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.rollout import positions_at
+from pcnclaws.time_step import largest_speed, scene_cfl, stable_cfl
+
+# So many particles are simulated at once.
+PARTICLES_AT_ONCE = 16_384
+# A frame so near to a step, in steps, is at the step.
+AT_STEP = 1e-3
+
+
+class Linearisation(NamedTuple):
+    """The motion around some coordinates.
+
+    residual  simulated less observed positions [m], (observed coordinates,)
+    jacobian  its change with the coordinates [m], (unknowns, observed coordinates)
+    marker    the marker of each row, (observed coordinates,)
+    """
+
+    residual: Float[np.ndarray, " rows"]
+    jacobian: Float[np.ndarray, "unknowns rows"]
+    marker: np.ndarray
+
+    @property
+    def mse(self) -> float:
+        """Mean squared residual [m^2]; infinite where the simulation left the physical world."""
+        mean = float(np.mean(np.square(self.residual)))
+        return mean if np.isfinite(mean) and np.isfinite(self.jacobian).all() else np.inf
+
+
+class _Interpolation(NamedTuple):
+    """Frames between steps: positions are (1 - share) x[before] + share x[after], of the positions at `steps`."""
+
+    steps: list[int]
+    before: np.ndarray
+    after: np.ndarray
+    share: np.ndarray
+
+
+class EstimationProblem:
+    """An observation, the laws that are to explain it, and the unknowns that they may choose.
+
+    laws         frozen, of the observation's material
+    start        velocity of the particles where it is known [m/s], (particles, 3)
+    """
+
+    def __init__(
+        self, laws: Laws, observation: Observation, unknowns: Unknowns, dtype: torch.dtype = torch.float32
+    ) -> None:
+        self.observation, self.unknowns, self.dtype = observation, unknowns, dtype
+        self.simulator = simulator_of(laws, observation.settings).to(dtype=dtype)
+        self._position = self._tensor(vectors_first(observation.position))
+        self._volume = self._tensor(observation.volume)
+        self._particle = torch.from_numpy(np.ascontiguousarray(observation.particle))
+        self._weight = self._tensor(observation.weight)
+        self._seen = torch.from_numpy(observation.seen)[:, None, :].expand(-1, 3, -1)
+        self._target = self._tensor(vectors_first(np.nan_to_num(observation.target)))
+        self._rigid = {k: vectors_first(self._rigid_motion(k)) for k in unknowns.motion}
+
+    def mse(self, candidates: Sequence[np.ndarray]) -> list[float]:
+        """Mean squared distance [m^2] of each candidate's motion; infinite where it is unstable or diverges."""
+        found = []
+        for u in candidates:
+            found.append(np.inf if self.instability(u) > 1.0 else None)
+        running = [k for k, value in enumerate(found) if value is None]
+        size = max(PARTICLES_AT_ONCE // self._position.shape[1], 1)
+        for first in range(0, len(running), size):
+            chunk = running[first : first + size]
+            values = [self.unknowns.values(candidates[k]) for k in chunk]
+            with torch.no_grad():
+                motion = self._simulated(values, [None] * len(chunk))
+            for k, one in zip(chunk, motion.unbind(2), strict=True):
+                mean = float((one - self._target)[self._seen].double().square().mean())
+                found[k] = mean if np.isfinite(mean) else np.inf
+        return [float(value) for value in found if value is not None]
+
+    def linearise(self, u: Float[np.ndarray, " unknowns"]) -> Linearisation:
+        """The residual and its exact Jacobian at some coordinates."""
+        values, slopes = self.unknowns.values(u), self.unknowns.slopes(u)
+        physical, motion = self.unknowns.physical, self.unknowns.motion
+        rows = int(self._seen.sum())
+        jacobian = np.zeros((len(u), rows))
+        residual = np.full(rows, np.inf)
+        if self.instability(u) <= 1.0:
+            # apart: a body whose start velocity is sought has no free fall to skip
+            for group in (physical, motion):
+                for first in range(0, len(group), self._copies):
+                    chunk = group[first : first + self._copies]
+                    found, rates = self._forward_mode(values, slopes, chunk)
+                    for k, rate in zip(chunk, rates.unbind(2), strict=True):
+                        jacobian[k] = self._rows(rate)
+                    residual = self._rows(found[:, :, 0] - self._target)
+            for k in self.unknowns.index(TIME_OFFSET):
+                jacobian[k] = slopes[k] * self._rows(self._velocity(values))
+        marker = torch.arange(self._target.shape[2]).expand_as(self._seen)[self._seen].numpy()
+        return Linearisation(residual, jacobian, marker)
+
+    def loss(self, coordinates: Float[Tensor, " unknowns"]) -> Float[Tensor, ""]:
+        """Mean squared distance [m^2] as a differentiable function of the coordinates, in reverse mode."""
+        u = coordinates.detach().double().numpy()
+        values, slopes = self.unknowns.values(u), self.unknowns.slopes(u)
+        # the value is exact, the derivative that of the transform
+        free = torch.as_tensor(values) + torch.as_tensor(slopes) * (coordinates.double() - torch.as_tensor(u))
+        parameters = self._fixed()
+        velocity = self._start_velocity(values)
+        for k, unknown in enumerate(self.unknowns.sought):
+            if unknown.is_motion:
+                velocity = velocity + (free[k] - values[k]).to(self.dtype) * self._tensor(self._rigid[k])
+            elif unknown.component is not None:
+                share = self._tensor(unknown.component.share)
+                parameters[unknown.name] = parameters.get(unknown.name, 0.0) + free[k].to(self.dtype) * share
+        plan = self._interpolation(values)
+        state = ParticleState.at_rest_shape(self._position, velocity)
+        found = positions_at(self.simulator, state, self._scenes(1), parameters, plan.steps)
+        motion = self._at_frames(found[:, :, None, :], plan)[:, :, 0]
+        return (motion - self._target)[self._seen].square().mean()
+
+    def motion(self, u: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, "frames markers 3"]:
+        """Simulated positions of the markers at the frames [m]."""
+        with torch.no_grad():
+            found = self._simulated([self.unknowns.values(u)], [None])
+        return np.swapaxes(found[:, :, 0].numpy(), 1, 2)
+
+    def start(self, u: Float[np.ndarray, " unknowns"]) -> SceneStart:
+        """Where the scene starts, of parameters that are the same everywhere.
+
+        raises  UserError for parameters that vary, which a trajectory file cannot hold
+        """
+        values, observation = self.unknowns.values(u), self.observation
+        parameters = self.unknowns.parameters(values)
+        if any(np.ptp(one) > 1e-9 * np.abs(one).max() for one in parameters.values()):
+            raise UserError("trajectory=true needs parameters that are the same everywhere; accepted: trajectory=false")
+        return SceneStart(
+            observation.name,
+            observation.material,
+            observation.settings,
+            {name: float(one[0]) for name, one in parameters.items()},
+            observation.position,
+            self._start_velocity(values).T.double().numpy(),
+            observation.volume,
+        )
+
+    def instability(self, u: Float[np.ndarray, " unknowns"]) -> float:
+        """The largest CFL number of a particle over the one that is stable [-]."""
+        values = self.unknowns.values(u)
+        parameters, settings = self.unknowns.parameters(values), self.observation.settings
+        velocity = self._start_velocity(values).T.double().numpy()
+        speed = largest_speed(self.observation.position, velocity, settings.gravity, settings.wall_distance)
+        kinds = np.unique(np.stack((parameters["youngs_modulus"], parameters["poissons_ratio"])), axis=1).T
+        return max(
+            scene_cfl(settings, {"youngs_modulus": e, "poissons_ratio": nu}, speed)
+            / stable_cfl(self.observation.material, nu)
+            for e, nu in kinds.tolist()
+        )
+
+    @property
+    def _copies(self) -> int:
+        return max(PARTICLES_AT_ONCE // self._position.shape[1], 1)
+
+    def _forward_mode(self, values: np.ndarray, slopes: np.ndarray, chunk: Sequence[int]) -> tuple[Tensor, Tensor]:
+        """Positions of the markers and their rates, (frames, 3, copies, markers); copy k carries unknown chunk[k]."""
+        with torch.no_grad(), forward_ad.dual_level():
+            dual = self._simulated([values] * len(chunk), [(k, slopes[k]) for k in chunk])
+            found, rates = forward_ad.unpack_dual(dual)
+            return found, torch.zeros_like(found) if rates is None else rates
+
+    def _simulated(self, values: Sequence[np.ndarray], carried: Sequence[tuple[int, float] | None]) -> Tensor:
+        """Markers at the frames, (frames, 3, copies, markers), of one batch with a copy of the scene for each entry.
+
+        carried  the unknown whose derivative a copy carries and its slope, None for none
+        """
+        copies, particles = len(values), self._position.shape[1]
+        of_copies = [self.unknowns.parameters(one) for one in values]
+        names = sorted(of_copies[0])
+        parameters = {name: self._tensor(np.concatenate([one[name] for one in of_copies])) for name in names}
+        velocity = torch.cat([self._start_velocity(one) for one in values], dim=1)
+        rates = {name: np.zeros(copies * particles) for name in names}
+        velocity_rate = np.zeros((3, copies * particles))
+        moving = set()
+        for copy, carry in enumerate(carried):
+            if carry is None:
+                continue
+            k, slope = carry
+            unknown, where = self.unknowns.sought[k], slice(copy * particles, (copy + 1) * particles)
+            if unknown.is_motion:
+                velocity_rate[:, where] = slope * self._rigid[k]
+                moving.add("velocity")
+            elif unknown.component is not None:
+                rates[unknown.name][where] = slope * unknown.component.share
+                moving.add(unknown.name)
+        for name in moving & set(names):
+            parameters[name] = forward_ad.make_dual(parameters[name], self._tensor(rates[name]))
+        if "velocity" in moving:
+            velocity = forward_ad.make_dual(velocity, self._tensor(velocity_rate))
+        plan = self._interpolation(values[0])
+        state = ParticleState.at_rest_shape(self._position.repeat(1, copies), velocity)
+        found = positions_at(self.simulator, state, self._scenes(copies), parameters, plan.steps)
+        return self._at_frames(found.unflatten(2, (copies, particles)), plan)
+
+    def _at_frames(self, found: Tensor, plan: _Interpolation) -> Tensor:
+        """Positions of particles at steps, (steps, 3, copies, particles), as those of markers at frames."""
+        if self._particle.shape[1] == 1:
+            markers = found[..., self._particle[:, 0]]
+        else:
+            markers = (found[..., self._particle] * self._weight).sum(-1)
+        share = self._tensor(plan.share)[:, None, None, None]
+        return markers[plan.before] * (1.0 - share) + markers[plan.after] * share
+
+    def _interpolation(self, values: np.ndarray) -> _Interpolation:
+        offset = sum(values[k] for k in self.unknowns.index(TIME_OFFSET))
+        step = np.maximum((self.observation.time + offset) / self.observation.settings.time_step, 0.0)
+        whole = np.rint(step)
+        step = np.where(np.abs(step - whole) < AT_STEP, whole, step)
+        before, after = np.floor(step).astype(int), np.ceil(step).astype(int)
+        if self.unknowns.index(TIME_OFFSET):  # its derivative needs two steps everywhere
+            after = before + 1
+        steps = sorted({*before.tolist(), *after.tolist()})
+        rows = {n: row for row, n in enumerate(steps)}
+        first, second = (np.array([rows[n] for n in some.tolist()]) for some in (before, after))
+        return _Interpolation(steps, first, second, step - before)
+
+    def _velocity(self, values: np.ndarray) -> Tensor:
+        """Velocity of the markers at the frames [m/s], (frames, 3, markers)."""
+        with torch.no_grad():
+            plan = self._interpolation(values)
+            ends = []
+            for share in (0.0, 1.0):
+                ends.append(self._simulated_with(values, plan._replace(share=np.full_like(plan.share, share))))
+        return (ends[1] - ends[0]) / self.observation.settings.time_step
+
+    def _simulated_with(self, values: np.ndarray, plan: _Interpolation) -> Tensor:
+        parameters = {name: self._tensor(one) for name, one in self.unknowns.parameters(values).items()}
+        state = ParticleState.at_rest_shape(self._position, self._start_velocity(values))
+        found = positions_at(self.simulator, state, self._scenes(1), parameters, plan.steps)
+        return self._at_frames(found[:, :, None, :], plan)[:, :, 0]
+
+    def _rows(self, field: Tensor) -> np.ndarray:
+        """The observed coordinates of a field (frames, 3, markers)."""
+        return field[self._seen].double().numpy()
+
+    def _start_velocity(self, values: np.ndarray) -> Tensor:
+        known = self.observation.initial_velocity
+        start = np.zeros_like(self.observation.position) if known is None else known
+        velocity = vectors_first(start.astype(np.float64))
+        for k in self.unknowns.motion:
+            velocity = velocity + values[k] * self._rigid[k]
+        return self._tensor(velocity)
+
+    def _rigid_motion(self, k: int) -> Float[np.ndarray, "particles 3"]:
+        """Velocities that a unit of a start velocity or a spin gives to its body."""
+        unknown = self.unknowns.sought[k]
+        share = unknown.component.share if unknown.component else np.ones(len(self.observation.position))
+        axis = np.eye(3)["xyz".index(unknown.name[-1])]
+        if unknown.name.startswith("velocity"):
+            return share[:, None] * axis
+        centre = np.average(self.observation.position, axis=0, weights=share)
+        return share[:, None] * np.cross(axis, self.observation.position - centre)
+
+    def _fixed(self) -> dict[str, Tensor]:
+        return {name: self._tensor(known) for name, known in self.unknowns.fixed.items()}
+
+    def _scenes(self, copies: int) -> Scenes:
+        settings, particles = self.observation.settings, self._position.shape[1]
+        index = torch.arange(copies).repeat_interleave(particles)
+        volume = self._volume.repeat(copies)
+        gravity = self._tensor(np.tile(np.array(settings.gravity)[:, None], (1, copies)))
+        return Scenes(index, settings.density * volume, volume, gravity)
+
+    def _tensor(self, values: np.ndarray) -> Tensor:
+        return torch.as_tensor(np.ascontiguousarray(values), dtype=self.dtype)

@@ -1,0 +1,121 @@
+"""How well the estimate is known: covariance, intervals, and what the motion cannot tell.
+
+Two errors add up. That of the observation is random from one position to the next, and many positions average it out:
+s^2 (J J^T)^-1. That of the law is the same wrong motion everywhere, however many positions are seen: a law that moves a
+marker wrongly by d, in the way that an unknown would, shifts the estimate by the least-squares fit of d, whatever the
+number of rows: d^2 (J J^T / rows)^-1. d is calibrated on objects whose truth is known.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from pcnclaws.estimation.problem import Linearisation
+from pcnclaws.estimation.unknowns import Unknowns
+
+# Normal quantile of a two-sided interval of 95 %.
+QUANTILE_95 = 1.959963984540054
+# Rounding of the simulation in single precision [m]: the analytic law's own error, and the least noise there is.
+ROUNDING = 3e-7
+# An interval wider than this says nothing: the ratio of its ends, or their distance.
+WIDEST_RATIO = {"youngs_modulus": 2.0, "yield_stress": 2.0}
+WIDEST = {"poissons_ratio": 0.3, "friction_angle": 20.0}
+# Two unknowns that are this much correlated can stand for one another.
+CORRELATED = 0.98
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One unknown: its number, its interval, and whether the motion tells it.
+
+    law_share  of the interval's variance that the law's error makes [-]
+    """
+
+    label: str
+    value: float
+    interval: tuple[float, float]
+    identifiable: bool
+    law_share: float
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """What is known of all unknowns.
+
+    covariance   of the coordinates, (unknowns, unknowns); infinite variance where the motion says nothing
+    correlation  [-], (unknowns, unknowns)
+    noise        scatter of the residual [m]
+    law_error    what the law moves a marker wrongly by, in the ways that the unknowns would [m]
+    """
+
+    estimates: list[Estimate]
+    covariance: Float[np.ndarray, "unknowns unknowns"]
+    correlation: Float[np.ndarray, "unknowns unknowns"]
+    noise: float
+    law_error: float
+
+
+def uncertainty(
+    at: Linearisation, unknowns: Unknowns, u: Float[np.ndarray, " unknowns"], law_error: float
+) -> Uncertainty:
+    """The uncertainty at the end of a search.
+
+    law_error  calibrated error of the law [m]
+    """
+    rows = at.jacobian.shape[1]
+    normal = at.jacobian @ at.jacobian.T
+    # a unit of the coordinate moves the markers by this much
+    felt = np.sqrt(np.diag(normal) / rows) > ROUNDING
+    noise = max(float(np.sqrt(np.sum(np.square(at.residual)) / max(rows - len(u), 1))), ROUNDING)
+    inverse = _inverse(normal, felt)
+    of_noise = noise**2 * inverse * _clustering(at, inverse, noise, felt)
+    of_law = law_error**2 * rows * inverse
+    covariance = of_noise + of_law
+    deviation = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore"):
+        share = np.where(felt, np.diag(of_law) / np.diag(covariance), 0.0)
+        correlation = np.where(np.outer(felt, felt), covariance / np.outer(deviation, deviation), 0.0)
+    estimates = [_estimate(unknowns, u, k, deviation[k], float(share[k])) for k in range(len(u))]
+    return Uncertainty(estimates, covariance, correlation, noise, law_error)
+
+
+def projected_error(at: Linearisation, difference: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " unknowns"]:
+    """The error of a law [m] that explains each difference of an estimate from the truth, in coordinates.
+
+    The calibration of `law_error`: |difference| over its deviation for a law error of 1 m.
+    """
+    rows = at.jacobian.shape[1]
+    normal = at.jacobian @ at.jacobian.T
+    felt = np.sqrt(np.diag(normal) / rows) > ROUNDING
+    return np.abs(difference) / np.sqrt(rows * np.diag(_inverse(normal, felt)))
+
+
+def _inverse(normal: np.ndarray, felt: np.ndarray) -> np.ndarray:
+    """The inverse on the unknowns that are felt; infinite on the diagonal of the others."""
+    result = np.diag(np.where(felt, 0.0, np.inf))
+    if felt.any():
+        scale = 1.0 / np.sqrt(np.diag(normal)[felt])
+        scaled = normal[np.ix_(felt, felt)] * np.outer(scale, scale)
+        result[np.ix_(felt, felt)] = np.linalg.pinv(scaled, rcond=1e-12, hermitian=True) * np.outer(scale, scale)
+    return result
+
+
+def _clustering(at: Linearisation, inverse: np.ndarray, noise: float, felt: np.ndarray) -> float:
+    """By how much the errors of one marker at different times, which are alike, widen the variances; at least 1."""
+    if not felt.any():
+        return 1.0
+    scores = np.stack([np.bincount(at.marker, row * at.residual) for row in at.jacobian[felt]])
+    part = inverse[np.ix_(felt, felt)]
+    robust = part @ (scores @ scores.T) @ part
+    return max(1.0, float(np.max(np.diag(robust) / (noise**2 * np.diag(part)))))
+
+
+def _estimate(unknowns: Unknowns, u: np.ndarray, k: int, deviation: float, law_share: float) -> Estimate:
+    unknown, reach = unknowns.sought[k], QUANTILE_95 * deviation
+    value, low, high = (float(unknown.transform.value(np.array([at]))[0]) for at in (u[k], u[k] - reach, u[k] + reach))
+    if unknown.name in WIDEST_RATIO:
+        known = high < WIDEST_RATIO[unknown.name] * low
+    else:
+        known = high - low < WIDEST.get(unknown.name, np.inf)
+    return Estimate(unknown.label, value, (low, high), bool(np.isfinite(deviation) and known), law_share)

@@ -1,0 +1,148 @@
+"""What an estimation ends with: a table, a JSON file and pictures."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from rich.box import SIMPLE_HEAD
+from rich.markup import escape
+from rich.table import Table
+
+from pcnclaws.data.observation import Observation
+from pcnclaws.data.records import SceneRecord
+from pcnclaws.estimation.uncertainty import CORRELATED, Estimate, Uncertainty
+from pcnclaws.estimation.unknowns import Unknowns
+from pcnclaws.laws.parameters import PARAMETERS
+from pcnclaws.rendering.convergence import Course, convergence
+from pcnclaws.rendering.pictures import predicted_beside_true
+
+UNITS = {"velocity": "m/s", "spin": "rad/s", "time_offset": "s"}
+
+
+def result_table(
+    title: str, guess: Sequence[float], found: Uncertainty, truth: Mapping[str, float], fixed: Mapping[str, float]
+) -> Table:
+    """One line an unknown: guess, estimate, interval, and the truth where the file stores it."""
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("", overflow="fold")
+    for header in ("guess", "estimate", "95 % interval", *(["truth", "off by"] if truth else [])):
+        table.add_column(header, justify="right")
+    for start, estimate in zip(guess, found.estimates, strict=True):
+        true = true_value(estimate.label, truth)
+        beside = [] if not truth else [_number(true), _difference(estimate, true)]
+        low, high = estimate.interval
+        cells = [_number(estimate.value), f"{low:.4g} to {high:.4g}"] if estimate.identifiable else ["not told", "-"]
+        table.add_row(escape(f"{estimate.label} [{_unit(estimate.label)}]"), _number(start), *cells, *beside)
+    for name, value in fixed.items():
+        table.add_row(escape(f"{name} [{_unit(name)}]"), _number(value), "fixed", "-", *[""] * (2 if truth else 0))
+    return table
+
+
+def verdicts(found: Uncertainty) -> list[str]:
+    """In words: what the motion does not tell, and which unknowns it cannot tell apart."""
+    lines = []
+    for number, estimate in enumerate(found.estimates):
+        if not estimate.identifiable:
+            felt = bool(np.isfinite(found.covariance[number, number]))
+            low, high = estimate.interval
+            why = f"its interval is {low:.3g} to {high:.3g}" if felt else "it has no influence on what was observed"
+            lines.append(f"{estimate.label} cannot be told from this motion: {why}")
+    labels = [estimate.label for estimate in found.estimates]
+    for i, j in zip(*np.nonzero(np.triu(np.abs(found.correlation), 1) > CORRELATED), strict=True):
+        lines.append(f"{labels[i]} and {labels[j]} stand for one another (correlation {found.correlation[i, j]:.3f})")
+    return lines
+
+
+def result_values(
+    unknowns: Unknowns, guess: Sequence[float], found: Uncertainty, truth: Mapping[str, float]
+) -> dict[str, Any]:
+    """The result as plain values: {"parameters": {label: {...}}, "motion": {...}, "noise", "law_error", ...}."""
+    parameters: dict[str, Any] = {}
+    motion: dict[str, Any] = {}
+    for start, unknown, estimate in zip(guess, unknowns.sought, found.estimates, strict=True):
+        known = estimate.identifiable
+        values = {
+            "guess": start,
+            "estimate": estimate.value if known else None,
+            "interval_95": list(estimate.interval) if known else None,
+            "identifiable": known,
+            "law_share": estimate.law_share,
+            "unit": _unit(estimate.label),
+        }
+        if (true := true_value(estimate.label, truth)) is not None:
+            values["truth"] = true
+        (parameters if unknown.name in PARAMETERS else motion)[estimate.label] = values
+    return {
+        "parameters": parameters,
+        "motion": motion,
+        "verdicts": verdicts(found),
+        "correlation": found.correlation.tolist(),
+        "noise": found.noise,
+        "law_error": found.law_error,
+    }
+
+
+def leave_estimation_pictures(
+    stem: Path,
+    title: str,
+    observation: Observation,
+    simulated: Float[np.ndarray, "frames markers 3"],
+    history: Sequence[tuple[Sequence[float], float]],
+    found: Uncertainty,
+    truth: Mapping[str, float],
+) -> list[Path]:
+    """<stem>_convergence.png: unknowns and error over the iterations; <stem>_fit.png: observed beside simulated."""
+    courses = [
+        Course(
+            estimate.label,
+            [values[k] for values, _ in history],
+            estimate.interval if estimate.identifiable else None,
+            true_value(estimate.label, truth),
+        )
+        for k, estimate in enumerate(found.estimates)
+    ]
+    search = convergence(courses, [mse for _, mse in history], title, stem.with_name(f"{stem.name}_convergence.png"))
+    observed = _as_record(observation, observation.target)
+    with_estimate = replace(observed, position=simulated.astype(np.float32))
+    path = stem.with_name(f"{stem.name}_fit.png")
+    return [search, predicted_beside_true(observed, with_estimate, path, words=("observed", "simulated"))]
+
+
+def true_value(label: str, truth: Mapping[str, float]) -> float | None:
+    """The stored value of an unknown; None where it is not stored, and for parts of a scene."""
+    return truth.get(label)
+
+
+def _as_record(observation: Observation, position: np.ndarray) -> SceneRecord:
+    """Markers as a scene that can be drawn; those of a few are drawn as large as the particles around them."""
+    markers = position.shape[1]
+    volume = np.full(markers, observation.volume.mean(), dtype=np.float32)
+    return SceneRecord(
+        observation.name,
+        observation.material,
+        observation.settings,
+        {},
+        observation.time,
+        position.astype(np.float32),
+        volume,
+    )
+
+
+def _unit(label: str) -> str:
+    name = label.partition("[")[0]
+    return PARAMETERS[name].unit if name in PARAMETERS else UNITS.get(name.rpartition("_")[0], UNITS.get(name, "-"))
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.5g}"
+
+
+def _difference(estimate: Estimate, true: float | None) -> str:
+    if true is None or not estimate.identifiable:
+        return ""
+    difference = estimate.value - true
+    relative = PARAMETERS[estimate.label.partition("[")[0]].unit == "Pa"
+    return f"{100.0 * difference / true:+.2g} %" if relative else f"{difference:+.2g}"

@@ -1,0 +1,67 @@
+"""Observations of a small cube that hits the floor, and the problems of explaining them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from recorded_scenes import small_cube
+
+from pcnclaws.data.observation import Observation
+from pcnclaws.data.observation_files import from_record
+from pcnclaws.data.scenes import SceneStart, simulate_records
+from pcnclaws.estimation.levenberg_marquardt import LevenbergMarquardt
+from pcnclaws.estimation.problem import EstimationProblem, Linearisation
+from pcnclaws.estimation.unknowns import Unknowns, components_of, make_unknowns
+from pcnclaws.laws.materials import MATERIALS, analytic_laws
+
+TRUTH = {
+    "elasticity": {"youngs_modulus": 1e5, "poissons_ratio": 0.25},
+    "plasticine": {"youngs_modulus": 3e5, "poissons_ratio": 0.3, "yield_stress": 2e3},
+    "sand": {"youngs_modulus": 3e5, "poissons_ratio": 0.2, "friction_angle": 30.0},
+}
+
+
+def start(material: str, velocity: tuple[float, float, float] = (0.5, -2.0, 0.0), **truth: float) -> SceneStart:
+    return replace(small_cube(material, material, velocity), parameters=TRUTH[material] | truth)
+
+
+def observed(scene: SceneStart, steps: int = 120, every: int = 10, dtype: torch.dtype = torch.float32) -> Observation:
+    laws = analytic_laws(MATERIALS[scene.material])
+    return from_record(simulate_records([scene], laws, steps, every, dtype=dtype)[0])
+
+
+def unknowns_of(
+    observation: Observation,
+    fixed: Mapping[str, float] | None = None,
+    vary: str = "uniform",
+    motion: bool = False,
+    time_offset: bool = False,
+) -> Unknowns:
+    parts = components_of(vary, observation.position, observation.spacing)
+    bodies = parts if vary == "bodies" else components_of("uniform", observation.position, observation.spacing)
+    names = MATERIALS[observation.material].parameter_names
+    return make_unknowns(names, fixed or {}, parts, bodies, motion, time_offset)
+
+
+def problem_of(
+    observation: Observation, unknowns: Unknowns | None = None, dtype: torch.dtype = torch.float32
+) -> EstimationProblem:
+    laws = analytic_laws(MATERIALS[observation.material])
+    return EstimationProblem(laws, observation, unknowns or unknowns_of(observation), dtype)
+
+
+def solved(
+    problem: EstimationProblem, guess: Sequence[float], iterations: int = 25
+) -> tuple[np.ndarray, Linearisation]:
+    """Coordinates and linearisation at the end of a search."""
+    u, search = problem.unknowns.coordinates(guess), LevenbergMarquardt()
+    here = problem.linearise(u)
+    for _ in range(iterations):
+        step = search.step(here)
+        there = problem.linearise(u + step)
+        if search.judge(here.mse, there.mse, step):
+            u, here = u + step, there
+        if search.done:
+            break
+    return u, here

@@ -1,0 +1,167 @@
+"""The estimate command: what it finds, what it leaves, and what it refuses."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from observed_bodies import TRUTH, start
+
+from pcnclaws.data.hdf5 import read_scenes, write_scenes
+from pcnclaws.data.records import SceneRecord
+from pcnclaws.data.scenes import simulate_records
+from pcnclaws.estimate import estimate
+from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.training.inverse import InverseModule
+
+# PyTorch warns of its own use of torch.jit when it loads forward mode
+pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")
+
+
+@pytest.fixture(scope="module")
+def record() -> SceneRecord:
+    return simulate_records([start("elasticity")], analytic_laws(MATERIALS["elasticity"]), 100, 5)[0]
+
+
+@pytest.fixture
+def estimated(in_process, record, tmp_path: Path):
+    """Runs the command on an elastic cube with the analytic law."""
+    write_scenes(tmp_path / "x.h5", [record])
+
+    def run(*arguments: str):
+        given = ["material=elasticity", "law=analytic", "observation.file=x.h5", "output=new/e.json", "screening=4"]
+        return in_process(estimate, "estimate", *given, *arguments)
+
+    return run
+
+
+def test_it_finds_the_truth_and_leaves_a_table_a_file_pictures_and_the_motion(estimated, tmp_path, caplog) -> None:
+    outcome = estimated("initial_guess.youngs_modulus=4e4", "initial_guess.poissons_ratio=0.5")
+    assert outcome.status == 0, outcome.err
+    assert "initial_guess.poissons_ratio=0.5 is at the edge" in caplog.text
+    found = json.loads((tmp_path / "new" / "e.json").read_text())
+    for name, true in TRUTH["elasticity"].items():
+        one = found["parameters"][name]
+        assert one["estimate"] == pytest.approx(true, rel=1e-3)
+        assert one["interval_95"][0] < true < one["interval_95"][1]
+        assert (one["identifiable"], one["truth"]) == (True, true)
+    assert found["mse"] < 1e-12
+    assert {"seconds", "history", "correlation", "noise", "law_error", "provenance"} < set(found)
+    names = {path.name for path in (tmp_path / "new").iterdir()}
+    assert names == {"e.json", "e_convergence.png", "e_fit.png", "e_simulated.h5", "e"}
+    assert {path.name for path in (tmp_path / "new" / "e").iterdir()} == {"tensorboard", "search.yaml"}
+    again = read_scenes(tmp_path / "new" / "e_simulated.h5")[0]
+    np.testing.assert_allclose(again.parameters["youngs_modulus"], 1e5, rtol=1e-3)
+    for word in ("guess", "estimate", "95 % interval", "truth", "youngs_modulus [Pa]"):
+        assert word in outcome.out
+
+
+def test_the_gradient_descent_of_the_paper_comes_near(estimated, tmp_path: Path) -> None:
+    guess = ["initial_guess.youngs_modulus=7e4", "initial_guess.poissons_ratio=0.2", "screening=0"]
+    outcome = estimated("estimator=adam", "estimator.iterations=40", *guess)
+    assert outcome.status == 0, outcome.err
+    found = json.loads((tmp_path / "new" / "e.json").read_text())
+    assert found["parameters"]["youngs_modulus"]["estimate"] == pytest.approx(1e5, rel=0.1)
+    assert found["history"][-1]["mse"] < 0.05 * found["history"][0]["mse"]
+
+
+def test_an_interrupted_search_goes_on_where_it_was(estimated, tmp_path: Path, monkeypatch) -> None:
+    guess = ["initial_guess.youngs_modulus=4e4", "screening=0", "picture=false"]
+    assert estimated(*guess, "output=whole.json").status == 0
+    step, taken = InverseModule._gauss_newton, []
+
+    def interrupted(self: InverseModule) -> None:
+        if len(taken) == 3:
+            raise KeyboardInterrupt
+        taken.append(1)
+        step(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(InverseModule, "_gauss_newton", interrupted)
+        with pytest.raises(SystemExit, match="1"):
+            estimated(*guess, "output=part.json")
+    assert not (tmp_path / "part.json").exists()
+    assert (tmp_path / "part" / "checkpoints" / "last.ckpt").exists()
+    assert estimated(*guess, "output=part.json").status == 0
+    whole, part = (json.loads((tmp_path / f"{name}.json").read_text()) for name in ("whole", "part"))
+    assert part["history"] == whole["history"]
+    assert not (tmp_path / "part" / "checkpoints").exists()
+
+
+def test_markers_of_a_table_with_a_noise_and_an_unknown_start(estimated, record, tmp_path: Path) -> None:
+    chosen = np.arange(0, 64, 3)
+    noise = 2e-4 * np.random.default_rng(1).standard_normal(record.position.shape)
+    lines = ["time,marker,x,y,z"]
+    for frame in range(0, len(record.time), 2):
+        for marker in chosen:
+            x, y, z = (record.position + (noise if frame else 0.0))[frame, marker]
+            lines.append(f"{record.time[frame]:.6f},m{marker},{x:.6f},{y:.6f},{z:.6f}")
+    (tmp_path / "m.csv").write_text("\n".join(lines) + "\n")
+    body = ["scene.shape=cube", "scene.centre=[0.5,0.24,0.5]", "scene.side=0.2", "scene.particles_per_edge=4"]
+    outcome = estimated("observation.file=m.csv", *body)
+    assert outcome.status == 0, outcome.err
+    found = json.loads((tmp_path / "new" / "e.json").read_text())
+    for name, true in TRUTH["elasticity"].items():
+        low, high = found["parameters"][name]["interval_95"]
+        assert low < true < high
+        assert high - low < 0.3 * true
+    assert found["motion"]["velocity_y"]["estimate"] == pytest.approx(-2.0, abs=0.02)
+    assert found["noise"] == pytest.approx(2e-4, rel=0.2)
+
+
+def test_free_flight_gives_no_number(estimated, tmp_path: Path) -> None:
+    rising = start("elasticity", velocity=(0.0, 2.0, 0.0))
+    write_scenes(tmp_path / "x.h5", simulate_records([rising], analytic_laws(MATERIALS["elasticity"]), 40, 5))
+    outcome = estimated()
+    assert outcome.status == 0, outcome.err
+    found = json.loads((tmp_path / "new" / "e.json").read_text())
+    assert all(one["estimate"] is None and not one["identifiable"] for one in found["parameters"].values())
+    assert "youngs_modulus cannot be told from this motion" in outcome.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["observation.file=null"], "observation.file=null is not accepted"),
+        (["observation.file=y.h5"], "y.h5: no such file"),
+        (["observation.scene=b"], "scene='b' is not known"),
+        (["observation.window=[3,4]"], "observation.window=[3, 4] holds no observed position"),
+        (["observation.window=3"], "observation.window=3 is not accepted"),
+        (["material=sand"], "observed of material 'elasticity'; accepted: sand"),
+        (["initial_guess.youngs_modulus=-1"], "initial_guess.youngs_modulus=-1 is not accepted"),
+        (["initial_guess.friction_angle=30"], "initial_guess='friction_angle' is not known"),
+        (["fixed.poissons_ratio=0.7"], "fixed.poissons_ratio=0.7 is not accepted"),
+        (["fixed.poissons_ratio=0.3", "fixed.youngs_modulus=1e5"], "leaves nothing to estimate"),
+        (["estimator=newton"], "did you mean"),
+        (["vary=w"], "vary='w' is not known"),
+        (["unknown.motion=perhaps"], "unknown.motion=perhaps is not accepted"),
+        (["scene.shape=cube", "scene.side=0.05"], "from the body; accepted: at most one grid cell"),
+        (["output=x.h5"], "is the file of observation.file"),
+        (["screening=-1"], "screening=-1 is not accepted"),
+    ],
+)
+def test_wrong_input_is_one_line_exit_2_and_no_result(arguments: list[str], message: str, estimated, tmp_path) -> None:
+    outcome = estimated(*arguments)
+    assert outcome.status == 2, outcome.err
+    assert message in outcome.err
+    assert len(outcome.err.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["x.h5"]
+
+
+@pytest.mark.parametrize("damage", ["truncated", "all NaN", "millimetres"])
+def test_damaged_observations_are_refused(damage: str, estimated, record, tmp_path: Path) -> None:
+    path = tmp_path / "x.h5"
+    if damage == "truncated":
+        path.write_bytes(path.read_bytes()[:3000])
+    elif damage == "millimetres":
+        write_scenes(path, [replace(record, position=1e3 * record.position)])
+    else:
+        later = record.position.copy()
+        later[:] = np.nan
+        write_scenes(path, [replace(record, position=later)])
+    outcome = estimated()
+    assert outcome.status == 2
+    assert len(outcome.err.splitlines()) == 1
+    assert "x.h5" in outcome.err
+    assert ("metres expected" in outcome.err) == (damage == "millimetres")
