@@ -55,9 +55,10 @@ def train(config: DictConfig) -> None:
     log_every = whole_number(config, "logger.every")
     fitted = fit(prepared.module, prepared.data, folder, device_from(config), log_every, console, prepared.clock)
 
-    notes = _notes(config, scenes, fitted) | {"training_seconds": round(prepared.clock.spent, 1)}
+    notes = _notes(config, scenes, fitted)
     write_weights(folder / WEIGHTS, fitted.best.weights, notes)
     set_law_weights(model, fitted.best.weights, str(folder / WEIGHTS))
+    notes |= {"training_seconds": round(prepared.clock.spent, 1)}
     notes |= {"identified": found} if isinstance(model, Laws) and (found := identified_values(model)) else {}
     report = Report(folder, scenes, fitted, notes, untrained, model, started, skips_from(config))
     write_report(report, device_from(config), precision_from(config), config.seed, config.picture, console)

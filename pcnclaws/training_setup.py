@@ -89,6 +89,7 @@ def _optimiser(config: DictConfig) -> OptimiserSettings:
         loss=str(training.loss),
         loss_scale=_number_or_none(training.loss_scale),
         plastic_learning_rate=_number_or_none(training.plastic_learning_rate),
+        step_back=bool(training.step_back),
     )
 
 

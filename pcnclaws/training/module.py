@@ -40,6 +40,7 @@ class OptimiserSettings:
     recompute              save memory by computing each step twice; None decides by the size of the batch
     loss                   'relative': relative_position_loss; 'absolute': position_loss, the paper's
     loss_scale             what the loss is multiplied with; None is LOSS_SCALE
+    step_back              see WatchedModule
     plastic_learning_rate  of the plastic law, whose gradient is then clipped by itself; None is that of the elastic one
     """
 
@@ -50,6 +51,7 @@ class OptimiserSettings:
     loss: str = "relative"
     loss_scale: float | None = None
     plastic_learning_rate: float | None = None
+    step_back: bool = False
 
     def __post_init__(self) -> None:
         if self.loss not in LOSS_SCALE:
@@ -93,7 +95,7 @@ class ConstitutiveModule(WatchedModule):
         iterations: int,
         skips: Skips | None = None,
     ) -> None:
-        super().__init__(optimiser.gradient_clip)
+        super().__init__(optimiser.gradient_clip, optimiser.step_back)
         self.laws, self.skips = laws, skips or Skips()
         self.simulators = nn.ModuleList(simulator_of(laws, setting, self.skips) for setting in settings)
         self.settings, self.iterations = optimiser, iterations

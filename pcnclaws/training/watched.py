@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 from lightning.pytorch import LightningModule
-from torch import nn
+from torch import Tensor, nn
 
 from pcnclaws.data.motion import Model
 from pcnclaws.data.records import SceneRecord
@@ -24,12 +24,15 @@ class WatchedModule(LightningModule, ABC):
 
     model          what is trained
     gradient_clip  largest norm of the gradient, None clips nothing
+    step_back      an iteration without a finite gradient takes the weights halfway back to those of the last one that
+                   had it, instead of leaving them: where all batches are alike, the next one would fail the same way
     """
 
-    def __init__(self, gradient_clip: float | None) -> None:
+    def __init__(self, gradient_clip: float | None, step_back: bool = False) -> None:
         super().__init__()
-        self.gradient_clip = gradient_clip
+        self.gradient_clip, self.step_back = gradient_clip, step_back
         self.skipped = self.skipped_in_row = 0
+        self._good: list[Tensor] = []
 
     @property
     @abstractmethod
@@ -44,14 +47,17 @@ class WatchedModule(LightningModule, ABC):
         self.log("validation_mse", self.rollout_error(batch), batch_size=1)
 
     def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
-        """Watches the gradient: an iteration without a finite one leaves the weights and the optimiser as they are."""
+        """Watches the gradient: an iteration without a finite one leaves the optimiser as it is, see `step_back`."""
         gradients = [weight.grad for weight in self.parameters() if weight.grad is not None]
         norm = nn.utils.get_total_norm(gradients)
         self.log("gradient_norm", norm, batch_size=1)
         if bool(torch.isfinite(norm)):
             self.skipped_in_row = 0
+            self._good = [weight.detach().clone() for weight in self.parameters()] if self.step_back else []
             return
         optimizer.zero_grad(set_to_none=True)
+        for weight, good in zip(self.parameters(), self._good, strict=False):
+            weight.data.lerp_(good.to(weight.device), 0.5)
         self.skipped, self.skipped_in_row = self.skipped + 1, self.skipped_in_row + 1
         log.warning(
             "iteration %d skipped: its gradient is not finite (%d skipped so far)",
@@ -66,6 +72,8 @@ class WatchedModule(LightningModule, ABC):
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["skipped"] = [self.skipped, self.skipped_in_row]
+        checkpoint["good_weights"] = [weight.cpu() for weight in self._good]
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         self.skipped, self.skipped_in_row = checkpoint["skipped"]
+        self._good = list(checkpoint.get("good_weights", []))
