@@ -26,7 +26,7 @@ test-all: $(INSTALLED) ## run all tests
 	$(PYTEST)
 
 tables: $(INSTALLED) ## write the pages of results from the JSON files in docs/results
-	$(RUN) pcnclaws.results_page docs/results/accuracy docs/results.md
+	$(RUN) pcnclaws.results_page docs/results/accuracy docs/results.md docs/results/baselines docs/comparison.md
 	$(RUN) pcnclaws.results_page.estimation docs/results/estimation docs/estimation_results.md
 
 lint: $(INSTALLED) ## check style, types and the direction of imports
@@ -37,6 +37,7 @@ lint: $(INSTALLED) ## check style, types and the direction of imports
 
 include accuracy.mk
 include estimation.mk
+include baselines.mk
 
 clean: ## remove caches and built packages; keeps .venv and outputs
 	rm -rf build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache

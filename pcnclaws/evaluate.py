@@ -18,6 +18,7 @@ from pcnclaws.configuration import (
     use_processor,
 )
 from pcnclaws.data.hdf5 import read_scenes
+from pcnclaws.data.motion import Model
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import start_of
 from pcnclaws.errors import SimulationDiverged, UserError
@@ -29,8 +30,8 @@ from pcnclaws.evaluation.gallery import leave_map, leave_pictures, leave_sheet
 from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import Outcomes, metrics, results_table, survived, write_metrics
 from pcnclaws.evaluation.tasks import evaluate_records, require_material, steps_to_run
-from pcnclaws.laws.materials import Laws, Material
-from pcnclaws.runs import laws_for
+from pcnclaws.laws.materials import Material
+from pcnclaws.runs import model_for
 from pcnclaws.time_step import largest_speed, scene_cfl, stable_cfl, time_step_limit
 
 FLOOR_WORDS = {"float64": "analytic law in double precision", "half_step": "and with half the time step"}
@@ -67,7 +68,7 @@ def evaluate(config: DictConfig) -> None:
 def _on_file(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str, float | None]]:
     """What becomes of the scenes of a file; no floor, whose truth would have to be analytic."""
     records = _file_records(config, material)
-    laws = laws_for(str(config.law), material, [record.parameters for record in records])
+    laws = model_for(str(config.law), material, [record.parameters for record in records])
     return _simulated(config, records, laws, bool(config.may_diverge)), {}
 
 
@@ -79,7 +80,7 @@ def _on_task(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str
         )
     task = builtin_task(config.task.name, material, _scene(config))
     # that a map goes outside the training data needs no warning
-    laws = laws_for(str(config.law), material, [] if task.may_diverge else [start.parameters for start in task.starts])
+    laws = model_for(str(config.law), material, [] if task.may_diverge else [start.parameters for start in task.starts])
     device, skips = device_from(config), skips_from(config)
     with _progress("simulating the truth", task.work) as advance:
         truth = true_records(task, material, device, advance, skips)
@@ -94,7 +95,7 @@ def _on_task(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str
         return outcomes, floor(records, device, advance, skips)
 
 
-def _simulated(config: DictConfig, records: list[SceneRecord], laws: Laws, may_diverge: bool = False) -> Outcomes:
+def _simulated(config: DictConfig, records: list[SceneRecord], laws: Model, may_diverge: bool = False) -> Outcomes:
     """The records beside what the laws make of them. may_diverge: a scene that diverges is a result, too."""
     options = (laws, precision_from(config), device_from(config))
     what, skips = f"simulating with law={config.law}", skips_from(config)
@@ -117,7 +118,8 @@ def _pictures(config: DictConfig, outcomes: Outcomes, material: Material, output
     title = f"{material.name.replace('_', '-')}, law {Path(str(config.law)).name}, {task}"
     if config.task.name == MAP:
         return leave_map(outcomes, material, title, output.parent, output.stem)
-    return leave_sheet(survived(outcomes), title, output.parent, output.stem)
+    results = survived(outcomes)
+    return leave_sheet(results, title, output.parent, output.stem) if results else []
 
 
 def _scene(config: DictConfig) -> str | None:

@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 import yaml
 
 from pcnclaws.data.atomic import PARTIAL_SUFFIX, replaced_file
+from pcnclaws.data.motion import Model
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import Laws, Material, analytic_laws, material_named
-from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.laws.parameters import PARAMETERS
+from pcnclaws.models import build_model
 from pcnclaws.training.weights import read_weights, set_law_weights
 
 log = logging.getLogger(__name__)
@@ -46,13 +47,18 @@ class LoadedRun(NamedTuple):
     """A finished training run. ranges: the span of each physical parameter in its training data."""
 
     material: Material
-    laws: Laws
+    model: Model
     config: dict[str, Any]
     ranges: Mapping[str, tuple[float, float]]
 
+    @property
+    def laws(self) -> Laws:
+        """The model, which is one of laws; UserError for a model of motion."""
+        return _as_laws(self.model, "the run")
+
 
 def load_run(folder: str | Path, option: str = "law") -> LoadedRun:
-    """The laws of a run folder, ready to simulate; UserError if a file is missing, damaged or unfit."""
+    """The model of a run folder, ready to simulate; UserError if a file is missing, damaged or unfit."""
     folder = Path(folder)
     if not folder.is_dir():
         close = get_close_matches(str(folder), ("analytic", "pretrained"), n=1)
@@ -66,18 +72,23 @@ def load_run(folder: str | Path, option: str = "law") -> LoadedRun:
     material = material_named(str(config["material"].get("name")), f"{option}={folder}: material")
     weights, notes = read_weights(folder / WEIGHTS)
     try:
-        laws = build_neural_laws(material, config["model"])
+        model = build_model(material, config["model"])
     except UserError as fault:
         raise UserError(f"{option}={folder / CONFIG}: {fault}") from fault
-    set_law_weights(laws, weights, f"{option}={folder}")
-    for law in laws:
-        if law is not None:
-            law.requires_grad_(False)
-    return LoadedRun(material, laws, config, _ranges(notes, material))
+    set_law_weights(model, weights, f"{option}={folder}")
+    for part in model if isinstance(model, Laws) else (model,):
+        if part is not None:
+            part.requires_grad_(False)
+    return LoadedRun(material, model, config, _ranges(notes, material))
 
 
 def laws_for(law: str, material: Material, parameters: Iterable[Mapping[str, float]] = ()) -> Laws:
-    """The laws that the option `law` names: analytic, pretrained, or a run folder of that material.
+    """As model_for, where laws are needed: UserError for a model of motion."""
+    return _as_laws(model_for(law, material, parameters), f"law={law}")
+
+
+def model_for(law: str, material: Material, parameters: Iterable[Mapping[str, float]] = ()) -> Model:
+    """The model that the option `law` names: analytic, pretrained, or a run folder of that material.
 
     parameters  the physical parameters they will be used with: one line warns of those outside the training data
     """
@@ -90,7 +101,7 @@ def laws_for(law: str, material: Material, parameters: Iterable[Mapping[str, flo
     warning = outside_training_data(run.ranges, parameters)
     if warning:
         log.warning("law=%s: %s", law, warning)
-    return run.laws
+    return run.model
 
 
 def law_folder(law: str, material: Material) -> Path | None:
@@ -162,6 +173,12 @@ def read_config(folder: Path) -> dict[str, Any]:
     if not isinstance(config, dict):
         raise UserError(f"{folder / CONFIG} is not the configuration of a run")
     return config
+
+
+def _as_laws(model: Model, source: str) -> Laws:
+    if not isinstance(model, Laws):
+        raise UserError(f"{source} is a model of motion without laws, which evaluate takes; accepted here: laws")
+    return model
 
 
 def _clear(folder: Path) -> None:

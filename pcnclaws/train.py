@@ -1,6 +1,6 @@
 """Trains the laws of a material: python -m pcnclaws.train experiment=sand_multi."""
 
-import math
+import copy
 import time
 from pathlib import Path
 from typing import Any, cast
@@ -10,24 +10,21 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from pcnclaws import launcher
+from pcnclaws.baselines.identified import identified_values
 from pcnclaws.configuration import device_from, material_from, precision_from, skips_from, use_processor, whole_number
-from pcnclaws.data.datamodule import TrajectoryDataModule
-from pcnclaws.data.dataset import SegmentPlan
+from pcnclaws.data.motion import Model, MotionModel
 from pcnclaws.data_sets import ready_data_set
-from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.errors import UserError
 from pcnclaws.evaluation.provenance import commit
 from pcnclaws.laws.materials import Laws, Material
-from pcnclaws.laws.neural import build_neural_laws
+from pcnclaws.models import build_model
 from pcnclaws.runs import METRICS, WEIGHTS, is_finished, start_run
 from pcnclaws.training.fit import FitResult, fit, quiet_lightning
-from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
-from pcnclaws.training.multi_scene import MultiSceneModule
-from pcnclaws.training.single_scene import SingleSceneModule
 from pcnclaws.training.sources import TrainingScenes, for_regime, generated_scenes, own_scenes
 from pcnclaws.training.weights import set_law_weights, write_weights
 from pcnclaws.training_report import Report, write_report
+from pcnclaws.training_setup import check_training, regime_from, setup
 
-REGIMES: dict[str, type[ConstitutiveModule]] = {"multi_scene": MultiSceneModule, "single_scene": SingleSceneModule}
 # Width of what is printed where the output is not a terminal.
 PLAIN_WIDTH = 120
 
@@ -43,78 +40,39 @@ def train(config: DictConfig) -> None:
     quiet_lightning()
     console = Console(soft_wrap=True) if Console().is_terminal else Console(width=PLAIN_WIDTH, soft_wrap=True)
     folder, plain = Path(config.output), cast(dict[str, Any], OmegaConf.to_container(config))
-    regime, optimiser, laws = _regime(config), _optimiser(config), untrained_laws(config)
-    _plan(config, config.training.start)  # refuses wrong options before the data is made
+    check_training(config)
+    regime, model = regime_from(config), untrained_model(config)
     if not config.overwrite and is_finished(folder, plain):
         console.print(f"{folder} holds this run, finished: see {folder / METRICS}; overwrite=true trains it anew")
         return
 
     scenes = for_regime(_scenes(config), regime, config.regime.scene)
-    plan = _plan(config, scenes.start)
-    check_every, checks = _check_every(config)
-    data = TrajectoryDataModule(scenes.training, scenes.validation, plan, check_every, precision_from(config))
-    for note in (*scenes.notes, *checks, f"segments start from {_start_in_words(scenes.start)}"):
+    prepared = setup(config, model, scenes)
+    for note in (*scenes.notes, *prepared.notes, *_start_in_words(model, scenes.start)):
         console.print(note)
     start_run(folder, plain, config.overwrite)
-    skips = skips_from(config)
-    module = regime(laws, data.dataset.settings, optimiser, plan.iterations, skips)
-    fitted = fit(module, data, folder, device_from(config), whole_number(config, "logger.every"), console)
+    untrained = copy.deepcopy(model)
+    log_every = whole_number(config, "logger.every")
+    fitted = fit(prepared.module, prepared.data, folder, device_from(config), log_every, console, prepared.clock)
 
     notes = _notes(config, scenes, fitted)
     write_weights(folder / WEIGHTS, fitted.best.weights, notes)
-    set_law_weights(laws, fitted.best.weights, str(folder / WEIGHTS))
-    report = Report(folder, scenes, fitted, notes, untrained_laws(config), laws, started, skips)
+    set_law_weights(model, fitted.best.weights, str(folder / WEIGHTS))
+    notes |= {"training_seconds": round(prepared.clock.spent, 1)}
+    notes |= {"identified": found} if isinstance(model, Laws) and (found := identified_values(model)) else {}
+    report = Report(folder, scenes, fitted, notes, untrained, model, started, skips_from(config))
     write_report(report, device_from(config), precision_from(config), config.seed, config.picture, console)
 
 
-def untrained_laws(config: DictConfig) -> Laws:
-    """The neural laws of `material` and `model.*` as training with `seed` starts from them."""
+def untrained_model(config: DictConfig) -> Model:
+    """The model of `material` and `model.*` as training with `seed` starts from it."""
     torch.manual_seed(whole_number(config, "seed", least=0))
     model = cast(dict[str, Any], OmegaConf.to_container(config.model))
-    laws = build_neural_laws(material_from(config), model)
-    for law in laws:
-        if law is not None:
-            law.to(device_from(config), precision_from(config))
-    return laws
-
-
-def _regime(config: DictConfig) -> type[ConstitutiveModule]:
-    if config.regime.name not in REGIMES:
-        raise unknown_name("regime", config.regime.name, REGIMES)
-    return REGIMES[config.regime.name]
-
-
-def _optimiser(config: DictConfig) -> OptimiserSettings:
-    clip = config.training.gradient_clip
-    return OptimiserSettings(
-        float(config.training.learning_rate),
-        gradient_clip=None if clip is None else float(clip),
-        loss=str(config.training.loss),
-    )
-
-
-def _plan(config: DictConfig, start: str) -> SegmentPlan:
-    training = config.training
-    return SegmentPlan(
-        training.iterations,
-        training.batch_segments,
-        start,
-        training.segment_length.first,
-        training.segment_length.last,
-        training.loss_every,
-        config.seed,
-    )
-
-
-def _check_every(config: DictConfig) -> tuple[int, list[str]]:
-    """Iterations between two checks: the divisor of training.iterations nearest to training.check_every; a note."""
-    wanted, iterations = whole_number(config, "training.check_every"), config.training.iterations
-    if iterations == 0:
-        return wanted, ["training.iterations=0: nothing is fitted, the run holds the structure of the law alone"]
-    divisors = [n for n in range(1, iterations + 1) if iterations % n == 0]
-    nearest = min(divisors, key=lambda n: abs(math.log(n / wanted)))
-    note = f"checks every {nearest} iterations, which divides training.iterations={iterations}"
-    return nearest, [] if nearest == wanted else [note]
+    untrained = build_model(material_from(config), model)
+    for part in untrained if isinstance(untrained, Laws) else (untrained,):
+        if part is not None:
+            part.to(device_from(config), precision_from(config))
+    return untrained
 
 
 def _scenes(config: DictConfig) -> TrainingScenes:
@@ -147,8 +105,11 @@ def _notes(config: DictConfig, scenes: TrainingScenes, fitted: FitResult) -> dic
     }
 
 
-def _start_in_words(start: str) -> str:
-    return "recorded full states (keyframes)" if start == "keyframes" else "the initial state (positions only)"
+def _start_in_words(model: Model, start: str) -> tuple[str, ...]:
+    if isinstance(model, MotionModel):
+        return ("trains on frames and the next ones: positions only",)
+    words = "recorded full states (keyframes)" if start == "keyframes" else "the initial state (positions only)"
+    return (f"segments start from {words}",)
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ import torch
 from rich.console import Console
 from rich.progress import Progress
 
+from pcnclaws.data.motion import Model
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import SimulationDiverged
 from pcnclaws.evaluation.builtin import paper_errors
@@ -18,7 +19,7 @@ from pcnclaws.evaluation.gallery import leave_pictures
 from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import Outcomes, metrics, results_table, survived, write_metrics
 from pcnclaws.evaluation.tasks import SceneResult, evaluate_records, steps_to_run
-from pcnclaws.laws.materials import Laws, material_named
+from pcnclaws.laws.materials import material_named
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.rendering.curves import LossCurve, loss_curve
 from pcnclaws.runs import METRICS
@@ -43,8 +44,8 @@ class Report:
     scenes: TrainingScenes
     fitted: FitResult
     notes: dict[str, Any]
-    untrained: Laws
-    trained: Laws
+    untrained: Model
+    trained: Model
     started: float
     skips: Skips
 
@@ -52,7 +53,7 @@ class Report:
 def write_report(
     report: Report, device: torch.device, dtype: torch.dtype, seed: int, pictures: bool, console: Console
 ) -> None:
-    """Tests the law before and after training, prints the table, and writes metrics.json and the pictures."""
+    """Tests the model before and after training, prints the table, and writes metrics.json and the pictures."""
     after = _after(report, device, dtype, console)
     nothing_fitted = report.notes["iterations"] == 0
     before = survived(after) if nothing_fitted else _results_or_none(report, device, dtype, console)
@@ -80,7 +81,7 @@ def _after(report: Report, device: torch.device, dtype: torch.dtype, console: Co
 
 
 def _results(
-    report: Report, laws: Laws, device: torch.device, dtype: torch.dtype, what: str, console: Console
+    report: Report, laws: Model, device: torch.device, dtype: torch.dtype, what: str, console: Console
 ) -> list[SceneResult]:
     records = report.scenes.test
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:

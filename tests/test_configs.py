@@ -22,10 +22,13 @@ from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.time_step import largest_speed, scene_cfl
 
+MAKEFILES = ("Makefile", "accuracy.mk", "estimation.mk", "baselines.mk")
+
 ENTRIES = [path.stem for path in sorted(conf_folder().glob("*.yaml"))]
 OF_ONE_MATERIAL = [entry for entry in ENTRIES if entry != "benchmark"]
 PROBLEMS = [path.stem for path in sorted((conf_folder() / "problem").glob("*.yaml"))]
 EXPERIMENTS = [path.stem for path in sorted((conf_folder() / "experiment").glob("*.yaml"))]
+BASELINES = ("nclaws", "spline", "gns", "identified")
 CHOICES = [
     (path.parent.name, path.stem)
     for path in sorted(conf_folder().glob("*/*.yaml"))
@@ -45,8 +48,13 @@ def test_every_benchmark_problem_composes_under_its_name(problem):
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_every_experiment_composes(experiment):
-    material, regime = experiment.rsplit("_", 1)
     config = compose_config("train", [f"experiment={experiment}", "debug=fast"])
+    baseline, _, material = experiment.partition("_")
+    if baseline in BASELINES:
+        assert (config.material.name, config.model.name) == (material, baseline)
+        assert config.regime.name == "single_scene"
+        return
+    material, regime = experiment.rsplit("_", 1)
     assert config.material.name == material
     assert config.regime.name == f"{regime}_scene"
 
@@ -130,6 +138,6 @@ def test_the_readme_names_commands_that_exist():
     assert commands
     for entry, arguments in commands:
         compose_config(entry, [argument for argument in arguments.split() if not argument.startswith("-")])
-    makefile = "\n".join((Path(__file__).parents[1] / name).read_text() for name in ("Makefile", "accuracy.mk"))
+    makefile = "\n".join((Path(__file__).parents[1] / name).read_text() for name in MAKEFILES)
     for target in re.findall(r"`?make ([a-z-]+)`?", text):
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target

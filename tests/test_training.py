@@ -19,7 +19,7 @@ from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.materials import MATERIALS, Laws
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.tensor_types import Matrices, Parameters
-from pcnclaws.training import module as training_module
+from pcnclaws.training import watched
 from pcnclaws.training.fit import FitResult, fit
 from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
@@ -117,9 +117,34 @@ def test_an_iteration_without_a_finite_gradient_changes_nothing(
 def test_many_bad_gradients_in_a_row_end_the_run(
     records: list[SceneRecord], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(training_module, "MOST_SKIPPED", 3)
+    monkeypatch.setattr(watched, "MOST_SKIPPED", 3)
     with pytest.raises(SimulationDiverged, match=r"no finite gradient in 3 iterations in a row.*learning_rate"):
         trained(MultiSceneModule, Laws(Brittle(0.7), None), records, tmp_path)
+
+
+class Limited(Scaled):
+    """A law that breaks where its factor exceeds 0.95."""
+
+    def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
+        stress = super().kirchhoff_stress(deformation, parameters)
+        return stress * torch.where(self.factor < 0.95, 1.0, torch.nan)
+
+
+def test_a_step_too_far_can_be_taken_back(records: list[SceneRecord], tmp_path: Path) -> None:
+    plan = SegmentPlan(6, None, first=20, last=20)  # all batches are alike
+    data = TrajectoryDataModule(records[:1], records[:1], plan, 6)
+    for step_back in (True, False):
+        law = Limited(0.7)
+        settings = OptimiserSettings(0.4, step_back=step_back)
+        module = SingleSceneModule(Laws(law, None), data.dataset.settings, settings, 6)
+        folder = tmp_path / str(step_back)
+        if step_back:
+            fitted = fit(module, data, folder, torch.device("cpu"), console=Console(file=StringIO()))
+            assert 0 < fitted.skipped < 6
+            assert 0.7 < float(law.factor.detach()) < 0.95
+        else:
+            with pytest.raises(SimulationDiverged, match="every check of the run diverged"):
+                fit(module, data, folder, torch.device("cpu"), console=Console(file=StringIO()))
 
 
 def test_a_check_of_the_true_law_is_exact(records: list[SceneRecord]) -> None:

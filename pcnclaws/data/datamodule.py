@@ -7,7 +7,7 @@ import torch
 from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from pcnclaws.data.dataset import SegmentBatch, SegmentDataset, SegmentPlan
+from pcnclaws.data.dataset import SegmentDataset, SegmentPlan
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import UserError
 
@@ -28,11 +28,47 @@ class EpochSampler(Sampler[int]):
         self.epoch = epoch
 
 
-class TrajectoryDataModule(LightningDataModule):
-    """Batches of segments for training; whole recorded scenes for the checks between.
+class CheckedDataModule(LightningDataModule):
+    """Batches for training; whole recorded scenes for the checks between.
 
     An epoch is the `check_every` iterations from one check to the next.
+    dataset  batch i is its item i; its length is the number of iterations
     """
+
+    def __init__(
+        self, dataset: Dataset[Any], iterations: int, validation: Sequence[SceneRecord], check_every: int
+    ) -> None:
+        super().__init__()
+        if check_every < 1 or iterations % check_every:
+            raise UserError(
+                f"training.check_every={check_every} is not accepted; "
+                f"accepted: a divisor of training.iterations={iterations}"
+            )
+        self.dataset, self.iterations = dataset, iterations
+        self.validation = list(validation)
+        self.check_every = check_every
+
+    @property
+    def epochs(self) -> int:
+        """Number of checks of a run."""
+        return self.iterations // self.check_every
+
+    def train_dataloader(self) -> DataLoader[Any]:
+        return DataLoader(self.dataset, batch_size=None, sampler=EpochSampler(self.check_every))
+
+    def val_dataloader(self) -> DataLoader[list[SceneRecord]]:
+        """One batch: the list of all validation scenes."""
+        return DataLoader(_WholeScenes(self.validation), batch_size=None, collate_fn=_unchanged)
+
+    def transfer_batch_to_device(self, batch: Any, device: torch.device, dataloader_idx: int) -> Any:
+        """Batches move to the device; records stay the files' arrays."""
+        return batch if isinstance(batch, list) else super().transfer_batch_to_device(batch, device, dataloader_idx)
+
+
+class TrajectoryDataModule(CheckedDataModule):
+    """Batches of segments of recorded scenes."""
+
+    dataset: SegmentDataset
 
     def __init__(
         self,
@@ -42,33 +78,7 @@ class TrajectoryDataModule(LightningDataModule):
         check_every: int,
         dtype: torch.dtype = torch.float32,
     ) -> None:
-        super().__init__()
-        if check_every < 1 or plan.iterations % check_every:
-            raise UserError(
-                f"training.check_every={check_every} is not accepted; "
-                f"accepted: a divisor of training.iterations={plan.iterations}"
-            )
-        self.dataset = SegmentDataset(training, plan, dtype)
-        self.validation = list(validation)
-        self.check_every = check_every
-
-    @property
-    def epochs(self) -> int:
-        """Number of checks of a run."""
-        return self.dataset.plan.iterations // self.check_every
-
-    def train_dataloader(self) -> DataLoader[SegmentBatch]:
-        return DataLoader(self.dataset, batch_size=None, sampler=EpochSampler(self.check_every))
-
-    def val_dataloader(self) -> DataLoader[list[SceneRecord]]:
-        """One batch: the list of all validation scenes."""
-        return DataLoader(_WholeScenes(self.validation), batch_size=None, collate_fn=_unchanged)
-
-    def transfer_batch_to_device(self, batch: Any, device: torch.device, dataloader_idx: int) -> Any:
-        """Segments move to the device; records stay the files' arrays."""
-        if isinstance(batch, SegmentBatch):
-            return super().transfer_batch_to_device(batch, device, dataloader_idx)
-        return batch
+        super().__init__(SegmentDataset(training, plan, dtype), plan.iterations, validation, check_every)
 
 
 class _WholeScenes(Dataset[list[SceneRecord]]):

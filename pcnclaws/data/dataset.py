@@ -45,7 +45,7 @@ class SegmentPlan:
     """How the segments of a run are chosen.
 
     iterations       number of batches, 0 for none
-    segments         segments of a batch
+    segments         segments of a batch; None: so many as cover the motion of a scene, one after the other
     start            'keyframes': segments begin at recorded full states; 'initial': at the first frame with F = I and
                      C = 0 (or the file's keyframe at step 0), which needs positions only
     first, last      length of the segments [steps] at the first and the last iteration; None: 25 and 200 from
@@ -55,7 +55,7 @@ class SegmentPlan:
     """
 
     iterations: int
-    segments: int = 8
+    segments: int | None = 8
     start: str = "keyframes"
     first: int | None = None
     last: int | None = None
@@ -150,9 +150,13 @@ class SegmentDataset(Dataset[SegmentBatch]):
         group, every = self.groups[g], self.every[g]
         length = self.plan.length(iteration, every, min(timeline.duration for timeline in group))
 
-        scenes = _spread(random, len(group), self.plan.segments)
-        chosen = [group[scene] for scene in scenes]
-        begins = _begins(random, chosen, length)
+        if self.plan.segments is None:
+            timeline = group[int(random.integers(len(group)))]
+            begins = _end_to_end(timeline, length)
+            chosen = [timeline] * len(begins)
+        else:
+            chosen = [group[scene] for scene in _spread(random, len(group), self.plan.segments)]
+            begins = _begins(random, chosen, length)
         batch = batch_scenes([timeline.begin(b) for timeline, b in zip(chosen, begins, strict=True)], self.dtype, "cpu")
         frames = [timeline.frames(b, length, every) for timeline, b in zip(chosen, begins, strict=True)]
         return SegmentBatch(
@@ -177,6 +181,20 @@ def _spread(random: np.random.Generator, count: int, wanted: int) -> np.ndarray:
     """Random scene numbers, (wanted,), that use every scene before one comes again."""
     rounds = -(-wanted // count)
     return np.concatenate([random.permutation(count) for _ in range(rounds)])[:wanted]
+
+
+def _end_to_end(timeline: Timeline, length: int) -> list[int]:
+    """Restarts that cover the motion with segments of `length`, each from the last full state that leaves no gap.
+
+    The last segment may reach beyond the motion: nothing is observed there.
+    """
+    begins = [0]
+    while begins[-1] + length < timeline.duration:
+        reached = timeline.restarts[timeline.restarts <= begins[-1] + length]
+        begins.append(int(reached[-1]))
+        if begins[-1] == begins[-2]:
+            return begins[:-1]
+    return begins
 
 
 def _begins(random: np.random.Generator, chosen: Sequence[Timeline], length: int) -> list[int]:

@@ -24,6 +24,7 @@ UNITS = {
     "rms_percent": "root of mse_sum in percent of the object's size (cube root of its initial volume)",
     "stress_error": "sum |tau - tau_true| / sum |tau_true| at the recorded states after contact",
     "energy_error": "max |E - E_true| / max (kinetic + elastic energy of the true motion), over the keyframes",
+    "rollout_seconds": "s of wall-clock time, mean over scenes; of scenes that ran as one batch their share of it",
 }
 # Header of a parameter's column and the factor from SI units.
 SHORT = {
@@ -43,7 +44,8 @@ LONGEST_TABLE, WORST = 40, 10
 def metrics(outcomes: Outcomes, curves: bool = True) -> dict[str, Any]:
     """Errors of the scenes and their means, as plain values for a JSON file.
 
-    {"mse", "mse_sum", "rms_percent", "stress_error", "energy_error", "scenes": [{"name", "parameters", ...}], "units"};
+    {"mse", "mse_sum", "rms_percent", "stress_error", "energy_error", "rollout_seconds",
+     "scenes": [{"name", "parameters", ...}], "units"};
     null where a value does not exist. A scene that diverged has no errors but "diverged", which says how; the means
     are those of the others.
     curves  whether each scene has its "time" and "mse_by_frame", rounded to CURVE_DIGITS
@@ -55,6 +57,7 @@ def metrics(outcomes: Outcomes, curves: bool = True) -> dict[str, Any]:
         "rms_percent": _mean_if_any([result.rms_percent for result in results]),
         "stress_error": _mean_if_any([result.stress_error for result in results]),
         "energy_error": _mean_if_any([result.energy_error for result in results]),
+        "rollout_seconds": _mean_if_any([result.seconds for result in results]),
         "scenes": [_scene_metrics(outcome) | (_curve(outcome) if curves else {}) for outcome in outcomes],
         "units": UNITS,
     }

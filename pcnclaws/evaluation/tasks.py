@@ -1,5 +1,6 @@
 """Evaluates laws: simulates recorded scenes from their first frames and measures how far the motion is off."""
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -7,6 +8,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from pcnclaws.data.motion import Model
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import SceneStart, group_by_settings, simulate_records, start_of
 from pcnclaws.errors import UserError
@@ -28,6 +30,7 @@ class SceneResult:
     mse_by_frame  [m^2], (frames,)
     stress_error  relative stress error [-] at the recorded states after contact, None without such states
     energy_error  largest error of the total energy [-] at the keyframes, None without keyframes
+    seconds       wall-clock time of the simulation, for scenes that ran as one batch their share of it [s]
     predicted     what the law gives, at the times of the true record
     """
 
@@ -39,6 +42,7 @@ class SceneResult:
     mse_by_frame: Float[np.ndarray, " frames"]
     stress_error: float | None
     energy_error: float | None = None
+    seconds: float | None = None
 
     @property
     def name(self) -> str:
@@ -58,7 +62,7 @@ class SceneResult:
 
 def evaluate_records(
     records: Sequence[SceneRecord],
-    laws: Laws,
+    model: Model,
     dtype: torch.dtype = torch.float32,
     device: str | torch.device = "cpu",
     progress: Callable[[int], None] | None = None,
@@ -66,7 +70,8 @@ def evaluate_records(
 ) -> list[SceneResult]:
     """Simulates each record from its first frame with its own parameters and settings and compares at its frames.
 
-    A frame that lies between two steps is compared with the linear interpolation of the two.
+    A frame that lies between two steps is compared with the linear interpolation of the two. A model of motion has
+    neither stress nor full states, and no errors of these.
     progress  called with the number of steps just done, of `steps_to_run(records)` in all
     skips     what the simulation leaves out, everything that it can by default
     raises    UserError for a record that cannot be evaluated; SimulationDiverged
@@ -74,13 +79,18 @@ def evaluate_records(
     material = _material_of(records)
     starts = [_start(record, material) for record in records]
     predicted: dict[int, SceneRecord] = {}
+    seconds: dict[int, float] = {}
     for plan, members in step_plans(records).items():
-        group = [starts[index] for index in members]
-        runs = simulate_records(group, laws, *plan, dtype, device, progress, skips)
+        group, began = [starts[index] for index in members], time.perf_counter()
+        if isinstance(model, Laws):
+            runs = simulate_records(group, model, *plan, dtype, device, progress, skips)
+        else:
+            runs = model.to(device, dtype).simulate(group, plan.steps, plan.every, progress)
+        share = (time.perf_counter() - began) / len(members)
         for index, run in zip(members, runs, strict=True):
-            predicted[index] = at_frames_of(records[index], run, plan.every)
+            predicted[index], seconds[index] = at_frames_of(records[index], run, plan.every), share
     analytic = analytic_laws(material)
-    return [_compared(record, predicted[index], laws, analytic) for index, record in enumerate(records)]
+    return [_compared(record, predicted[k], seconds[k], model, analytic) for k, record in enumerate(records)]
 
 
 def steps_to_run(records: Sequence[SceneRecord]) -> int:
@@ -118,7 +128,7 @@ def _start(record: SceneRecord, material: Material) -> SceneStart:
     return replace(start, parameters={name: start.parameters[name] for name in material.parameter_names})
 
 
-def _compared(true: SceneRecord, predicted: SceneRecord, laws: Laws, analytic: Laws) -> SceneResult:
+def _compared(true: SceneRecord, predicted: SceneRecord, seconds: float, model: Model, analytic: Laws) -> SceneResult:
     mse = position_mse(predicted.position, true.position)
     summed = mse_sum(mse)
     return SceneResult(
@@ -128,6 +138,7 @@ def _compared(true: SceneRecord, predicted: SceneRecord, laws: Laws, analytic: L
         summed,
         rms_percent(summed, true.volume),
         position_mse_by_frame(predicted.position, true.position),
-        stress_error(true, laws, analytic),
+        stress_error(true, model, analytic) if isinstance(model, Laws) else None,
         energy_error(true, predicted, analytic.elasticity),
+        seconds,
     )

@@ -9,7 +9,7 @@ from lightning.pytorch import LightningModule, Trainer
 from lightning.pytorch.callbacks import Callback, Checkpoint
 from torch import Tensor
 
-from pcnclaws.laws.materials import Laws
+from pcnclaws.data.motion import Model
 from pcnclaws.training.checkpoints import LAST
 from pcnclaws.training.weights import law_weights
 
@@ -48,7 +48,7 @@ class History(Callback):
 class BestWeights(Callback):
     """Remembers the weights of the check with the smallest error."""
 
-    def __init__(self, laws: Laws) -> None:
+    def __init__(self, laws: Model) -> None:
         self.laws = laws
         self.mse, self.iteration = math.inf, 0
         self.weights: dict[str, Tensor] = {}

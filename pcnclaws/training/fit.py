@@ -10,12 +10,13 @@ from lightning.pytorch import Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
 from rich.console import Console
 
-from pcnclaws.data.datamodule import TrajectoryDataModule
+from pcnclaws.data.datamodule import CheckedDataModule
 from pcnclaws.errors import SimulationDiverged
+from pcnclaws.training.budget import WallClock
 from pcnclaws.training.callbacks import BestWeights, CheckpointEachCheck, History
 from pcnclaws.training.checkpoints import AtomicCheckpointIO, newest_checkpoint
-from pcnclaws.training.module import ConstitutiveModule
 from pcnclaws.training.progress import TrainingProgress
+from pcnclaws.training.watched import WatchedModule
 from pcnclaws.training.weights import law_weights
 
 
@@ -29,36 +30,39 @@ class FitResult:
 
 
 def fit(
-    module: ConstitutiveModule,
-    data: TrajectoryDataModule,
+    module: WatchedModule,
+    data: CheckedDataModule,
     folder: Path,
     device: torch.device,
     log_every: int = 10,
     console: Console | None = None,
+    clock: WallClock | None = None,
 ) -> FitResult:
-    """Trains the module's laws and leaves the best weights in them; without iterations, checks them as they are.
+    """Trains the module's model and leaves the best weights in them; without iterations, checks them as they are.
 
     folder    the run folder: checkpoints/ and tensorboard/ are written there, and an unfinished run is continued
     log_every iterations from one TensorBoard entry to the next
+    clock     what may end the run before its iterations do
     raises    SimulationDiverged if no check of the run was finite
     """
-    if data.dataset.plan.iterations == 0:
+    if data.iterations == 0:
         return _untrained(module, data)
     console = console or Console()
-    history, best = History(), BestWeights(module.laws)
+    history, best = History(), BestWeights(module.model)
     checkpoints = folder / "checkpoints"
     checkpoint = newest_checkpoint(checkpoints)
-    progress = TrainingProgress(data.dataset.plan.iterations, console)
+    clock = clock or WallClock(None)
+    progress = TrainingProgress(data.iterations, console, clock)
     trainer = Trainer(
         accelerator="gpu" if device.type == "cuda" else "cpu",
         devices=1,
         plugins=[AtomicCheckpointIO()],
         max_epochs=data.epochs,
-        gradient_clip_val=module.settings.gradient_clip,
+        gradient_clip_val=module.gradient_clip,
         logger=TensorBoardLogger(folder, name="tensorboard", version=""),
         log_every_n_steps=min(log_every, data.check_every),
         num_sanity_val_steps=0,
-        callbacks=[history, best, CheckpointEachCheck(checkpoints), progress],
+        callbacks=[history, best, clock, CheckpointEachCheck(checkpoints), progress],
         enable_checkpointing=True,
         enable_progress_bar=False,
         enable_model_summary=False,
@@ -76,10 +80,10 @@ def fit(
     return FitResult(history, best, module.skipped)
 
 
-def _untrained(module: ConstitutiveModule, data: TrajectoryDataModule) -> FitResult:
-    """The laws as they are, with the error of one check."""
-    history, best = History(), BestWeights(module.laws)
-    best.mse, best.weights = module.rollout_error(data.validation), law_weights(module.laws)
+def _untrained(module: WatchedModule, data: CheckedDataModule) -> FitResult:
+    """The model as it is, with the error of one check."""
+    history, best = History(), BestWeights(module.model)
+    best.mse, best.weights = module.rollout_error(data.validation), law_weights(module.model)
     history.check_iteration, history.check_mse = [0], [best.mse]
     return FitResult(history, best, module.skipped)
 

@@ -2,13 +2,12 @@
 
 import logging
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
 import torch
-from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 
 from pcnclaws.data.dataset import SegmentBatch
@@ -22,25 +21,27 @@ from pcnclaws.rollout import differentiable_rollout
 from pcnclaws.simulator import Simulator
 from pcnclaws.skips import Skips
 from pcnclaws.training.losses import position_loss, relative_position_loss, unstressed_positions
+from pcnclaws.training.watched import WatchedModule
 
 log = logging.getLogger(__name__)
 
 # The optimiser sees the loss times this, meant to keep gradients above its epsilon of 1e-8: squared metres are tiny
 # numbers, relative errors small ones.
 LOSS_SCALE = {"relative": 1e4, "absolute": 1e8}
-# So many iterations in a row without a finite gradient end a run.
-MOST_SKIPPED = 20
 
 
 @dataclass(frozen=True)
 class OptimiserSettings:
     """Adam with cosine annealing, one step of the schedule an iteration, and the loss that it minimises.
 
-    learning_rate        at the first iteration
-    final_learning_rate  at the last one
-    gradient_clip        largest norm of the gradient of LOSS_SCALE times the loss; None clips nothing
-    recompute            save memory by computing each step twice; None decides by the size of the batch
-    loss                 'relative': relative_position_loss; 'absolute': position_loss, the paper's
+    learning_rate          at the first iteration
+    final_learning_rate    at the last one
+    gradient_clip          largest norm of the gradient of the scaled loss; None clips nothing
+    recompute              save memory by computing each step twice; None decides by the size of the batch
+    loss                   'relative': relative_position_loss; 'absolute': position_loss, the paper's
+    loss_scale             what the loss is multiplied with; None is LOSS_SCALE
+    step_back              see WatchedModule
+    plastic_learning_rate  of the plastic law, whose gradient is then clipped by itself; None is that of the elastic one
     """
 
     learning_rate: float = 3e-3
@@ -48,12 +49,17 @@ class OptimiserSettings:
     gradient_clip: float | None = None
     recompute: bool | None = None
     loss: str = "relative"
+    loss_scale: float | None = None
+    plastic_learning_rate: float | None = None
+    step_back: bool = False
 
     def __post_init__(self) -> None:
         if self.loss not in LOSS_SCALE:
             raise unknown_name("training.loss", self.loss, LOSS_SCALE)
-        if not (math.isfinite(self.learning_rate) and self.learning_rate > 0.0):
-            raise UserError(f"training.learning_rate={self.learning_rate} is not accepted; accepted: a positive number")
+        for option in ("learning_rate", "plastic_learning_rate", "loss_scale"):
+            value = getattr(self, option)
+            if value is not None and not (math.isfinite(value) and value > 0.0):
+                raise UserError(f"training.{option}={value} is not accepted; accepted: a positive number")
         if not 0.0 <= self.final_learning_rate <= self.learning_rate:
             raise UserError(
                 f"training.final_learning_rate={self.final_learning_rate} is not accepted; "
@@ -65,8 +71,13 @@ class OptimiserSettings:
                 "accepted: a positive number, or null for none"
             )
 
+    @property
+    def scale(self) -> float:
+        """What the loss is multiplied with."""
+        return LOSS_SCALE[self.loss] if self.loss_scale is None else self.loss_scale
 
-class ConstitutiveModule(LightningModule, ABC):
+
+class ConstitutiveModule(WatchedModule):
     """Trains the laws of a material by differentiating through the simulation.
 
     laws        neural laws, trained in place
@@ -84,11 +95,14 @@ class ConstitutiveModule(LightningModule, ABC):
         iterations: int,
         skips: Skips | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(optimiser.gradient_clip, optimiser.step_back)
         self.laws, self.skips = laws, skips or Skips()
         self.simulators = nn.ModuleList(simulator_of(laws, setting, self.skips) for setting in settings)
         self.settings, self.iterations = optimiser, iterations
-        self.skipped = self.skipped_in_row = 0
+
+    @property
+    def model(self) -> Laws:
+        return self.laws
 
     @staticmethod
     @abstractmethod
@@ -104,7 +118,7 @@ class ConstitutiveModule(LightningModule, ABC):
         self.log("loss", error.detach(), batch_size=1)
         self.log("segment_length", float(batch.steps), batch_size=1)
         self.log("learning_rate", self.trainer.optimizers[0].param_groups[0]["lr"], batch_size=1)
-        return LOSS_SCALE[self.settings.loss] * self._loss(batch, simulator, predicted, error)
+        return self.settings.scale * self._loss(batch, simulator, predicted, error)
 
     def _loss(self, batch: SegmentBatch, simulator: Simulator, predicted: Tensor, error: Tensor) -> Tensor:
         """What is minimised: the squared error [m^2], or each segment's relative to its motion [-]."""
@@ -116,32 +130,7 @@ class ConstitutiveModule(LightningModule, ABC):
         segments = batch.scenes.scene_index, batch.scenes.scene_count
         return relative_position_loss(predicted, batch.target, unstressed, *segments)
 
-    def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
-        """Watches the gradient: an iteration without a finite one leaves the weights and the optimiser as they are."""
-        gradients = [weight.grad for weight in self.parameters() if weight.grad is not None]
-        norm = nn.utils.get_total_norm(gradients)
-        self.log("gradient_norm", norm, batch_size=1)
-        if bool(torch.isfinite(norm)):
-            self.skipped_in_row = 0
-            return
-        optimizer.zero_grad(set_to_none=True)
-        self.skipped, self.skipped_in_row = self.skipped + 1, self.skipped_in_row + 1
-        log.warning(
-            "iteration %d skipped: its gradient is not finite (%d skipped so far)",
-            self.trainer.global_step,
-            self.skipped,
-        )
-        if self.skipped_in_row >= MOST_SKIPPED:
-            raise SimulationDiverged(
-                f"training diverged: no finite gradient in {MOST_SKIPPED} iterations in a row up to iteration "
-                f"{self.trainer.global_step}; lower training.learning_rate or shorten training.segment_length"
-            )
-
-    def validation_step(self, batch: list[SceneRecord], batch_idx: int) -> None:
-        self.log("validation_mse", self.rollout_error(batch), batch_size=1)
-
     def rollout_error(self, records: Sequence[SceneRecord]) -> float:
-        """Mean position MSE [m^2] of whole rollouts of recorded scenes; infinite if one diverges."""
         weight = next(self.parameters())
         steps = [record.frame_steps() for record in records]
         every = math.gcd(*(int(step) for of_scene in steps for step in of_scene))
@@ -165,14 +154,26 @@ class ConstitutiveModule(LightningModule, ABC):
         return sum(errors) / len(errors)
 
     def configure_optimizers(self) -> Any:
-        optimiser = torch.optim.Adam(self.parameters(), lr=self.settings.learning_rate)
+        optimiser = torch.optim.Adam(self._parameter_groups(), lr=self.settings.learning_rate)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(
             optimiser, T_max=self.iterations, eta_min=self.settings.final_learning_rate
         )
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
-    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        checkpoint["skipped"] = [self.skipped, self.skipped_in_row]
+    def configure_gradient_clipping(
+        self,
+        optimizer: torch.optim.Optimizer,
+        gradient_clip_val: float | None = None,
+        gradient_clip_algorithm: str | None = None,
+    ) -> None:
+        """Clips the gradient, of each law by itself where they have learning rates of their own."""
+        if gradient_clip_val is not None:
+            for group in optimizer.param_groups:
+                nn.utils.clip_grad_norm_(group["params"], gradient_clip_val)
 
-    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        self.skipped, self.skipped_in_row = checkpoint["skipped"]
+    def _parameter_groups(self) -> list[dict[str, Any]]:
+        """The weights with their learning rates: all together, or those of each law."""
+        if self.settings.plastic_learning_rate is None or self.laws.plasticity is None:
+            return [{"params": list(self.parameters())}]
+        plastic = {"params": list(self.laws.plasticity.parameters()), "lr": self.settings.plastic_learning_rate}
+        return [{"params": list(self.laws.elasticity.parameters())}, plastic]

@@ -8,6 +8,8 @@ from lightning.pytorch.callbacks import Callback
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from pcnclaws.training.budget import WallClock
+
 # Seconds between two looks at the loss: a look waits for the device.
 REFRESH = 1.0
 
@@ -15,8 +17,8 @@ REFRESH = 1.0
 class TrainingProgress(Callback):
     """One bar for the whole run, and one line for every check."""
 
-    def __init__(self, iterations: int, console: Console) -> None:
-        self.iterations, self.console = iterations, console
+    def __init__(self, iterations: int, console: Console, clock: WallClock) -> None:
+        self.iterations, self.console, self.clock = iterations, console, clock
         self._bar: Progress | None = None
         self._shown = self._began = 0.0
         self._first = 0
@@ -58,9 +60,10 @@ class TrainingProgress(Callback):
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         metrics, done = trainer.callback_metrics, trainer.global_step
-        left = (self.iterations - done) / max(self._speed(trainer), 1e-9)
+        left = min((self.iterations - done) / max(self._speed(trainer), 1e-9), self.clock.left)
+        total = "" if self.clock.budget else f"/{self.iterations}"
         self.console.print(
-            f"iteration {done}/{self.iterations}  loss {float(metrics['loss']):.2e} m²  check "
+            f"iteration {done}{total}  loss {float(metrics['loss']):.2e} m²  check "
             f"{float(metrics['validation_mse']):.2e} m²  {self._speed(trainer):.2f} it/s  "
             f"left {_clock(left)}",
             highlight=False,

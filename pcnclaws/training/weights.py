@@ -10,16 +10,16 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from pcnclaws.data.atomic import replaced_file
+from pcnclaws.data.motion import Model
 from pcnclaws.errors import UserError
-from pcnclaws.laws.materials import Laws
 
 
-def law_weights(laws: Laws) -> dict[str, Tensor]:
-    """Copies of all weights on the CPU, named elasticity.* and plasticity.*."""
+def law_weights(laws: Model) -> dict[str, Tensor]:
+    """Copies of all weights on the CPU; those of laws are named elasticity.* and plasticity.*."""
     return {name: weight.detach().cpu().clone() for name, weight in _modules(laws).state_dict().items()}
 
 
-def set_law_weights(laws: Laws, weights: dict[str, Tensor], source: str) -> None:
+def set_law_weights(laws: Model, weights: dict[str, Tensor], source: str) -> None:
     """Loads weights into laws; UserError naming `source` and the first weight that does not fit."""
     wanted = _modules(laws).state_dict()
     for name in sorted(wanted.keys() | weights.keys()):
@@ -63,6 +63,8 @@ def read_weights(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     return weights, notes
 
 
-def _modules(laws: Laws) -> nn.ModuleDict:
-    """The laws under their names, to read and write their weights together."""
+def _modules(laws: Model) -> nn.Module:
+    """The model as one module; laws under their names, to read and write their weights together."""
+    if isinstance(laws, nn.Module):
+        return laws
     return nn.ModuleDict({name: law for name, law in laws._asdict().items() if law is not None})

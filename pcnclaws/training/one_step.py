@@ -1,0 +1,74 @@
+"""Training of models of motion: from recorded frames to the next one, no simulation between."""
+
+import logging
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from pcnclaws.data.motion import MotionModel
+from pcnclaws.data.records import SceneRecord
+from pcnclaws.data.scenes import start_of
+from pcnclaws.errors import SimulationDiverged
+from pcnclaws.metrics import position_mse
+from pcnclaws.training.budget import WallClock
+from pcnclaws.training.watched import WatchedModule
+
+log = logging.getLogger(__name__)
+
+# The learning rate at the end over that at the start.
+LAST_LEARNING_RATE = 0.01
+
+
+class OneStepModule(WatchedModule):
+    """Adam on the error of single steps; the learning rate falls exponentially by LAST_LEARNING_RATE in all.
+
+    iterations  length of the training, if the clock does not end it before
+    clock       see WallClock; the learning rate follows whichever is nearer to its end
+    """
+
+    def __init__(
+        self,
+        model: MotionModel,
+        learning_rate: float,
+        gradient_clip: float | None,
+        iterations: int,
+        clock: WallClock,
+    ) -> None:
+        super().__init__(gradient_clip)
+        self.simulator, self.learning_rate = model, learning_rate
+        self.iterations, self.clock = iterations, clock
+
+    @property
+    def model(self) -> MotionModel:
+        return self.simulator
+
+    def on_train_batch_start(self, batch: Any, batch_idx: int) -> None:
+        progress = min(max(self.trainer.global_step / self.iterations, self.clock.share), 1.0)
+        for group in self.trainer.optimizers[0].param_groups:
+            group["lr"] = self.learning_rate * LAST_LEARNING_RATE**progress
+
+    def training_step(self, batch: Any, batch_idx: int) -> Tensor:
+        loss, squared_error = self.simulator.loss(batch)
+        self.log("loss", squared_error.detach().float(), batch_size=1)
+        self.log("learning_rate", self.trainer.optimizers[0].param_groups[0]["lr"], batch_size=1)
+        return loss
+
+    def rollout_error(self, records: Sequence[SceneRecord]) -> float:
+        try:
+            errors = [self._error(record) for record in records]
+        except SimulationDiverged as divergence:
+            log.warning("check failed: %s", divergence)
+            return math.inf
+        return sum(errors) / len(errors)
+
+    def configure_optimizers(self) -> torch.optim.Optimizer:
+        return torch.optim.Adam(self.parameters(), lr=self.learning_rate)
+
+    def _error(self, record: SceneRecord) -> float:
+        steps = record.frame_steps()
+        every = math.gcd(*(int(step) for step in steps))
+        rollout = self.simulator.simulate([start_of(record)], int(steps[-1]), every)[0]
+        return position_mse(rollout.position[steps // every], record.position)
