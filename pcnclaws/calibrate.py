@@ -1,12 +1,8 @@
 """Calibrates a law for estimation: python -m pcnclaws.calibrate material=sand law=RUN_FOLDER."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from omegaconf import DictConfig
-from rich.console import Console
-from rich.progress import Progress
 
 from pcnclaws import launcher
 from pcnclaws.configuration import material_from, use_processor, whole_number
@@ -19,6 +15,7 @@ from pcnclaws.estimation.uncertainty import QUANTILE_95
 from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import write_metrics
 from pcnclaws.laws.materials import Material, analytic_laws
+from pcnclaws.progress import progress_bar
 from pcnclaws.runs import law_folder, laws_for
 
 # With it, the draws are apart from those of data sets.
@@ -40,7 +37,7 @@ def calibrate(config: DictConfig) -> None:
     output = folder / CALIBRATION if config.output is None else Path(config.output)
     before = known_law_error(folder) if (folder / CALIBRATION).is_file() else None
     starts = calibration_objects(material, whole_number(config, "objects"), whole_number(config, "seed", least=0))
-    with _progress(len(starts)) as advance:
+    with progress_bar("estimating", len(starts)) as advance:
         truth = simulate_records(starts, analytic_laws(material), 500, 5)
         values = calibrated_error(material, laws, truth, advance)
     if before is not None:
@@ -68,15 +65,6 @@ def _covered(projected: list[list[float]], law_error: float) -> float:
     """The share of the numbers that lie in intervals of 95 % made with this error."""
     within = [error <= QUANTILE_95 * law_error for errors in projected for error in errors]
     return sum(within) / len(within)
-
-
-@contextmanager
-def _progress(count: int) -> Iterator[Callable[[int], None]]:
-    """A progress bar with the time left, on stderr, gone when done."""
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("estimating", total=count)
-        yield lambda done: progress.advance(task, done)
 
 
 def main() -> None:

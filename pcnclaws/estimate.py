@@ -4,7 +4,7 @@ import logging
 import shutil
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import yaml
@@ -12,7 +12,14 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from pcnclaws import launcher
-from pcnclaws.configuration import material_from, observation_from, output_file, precision_from, use_processor
+from pcnclaws.configuration import (
+    material_from,
+    observation_from,
+    output_file,
+    precision_from,
+    skips_from,
+    use_processor,
+)
 from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.observation_files import stored_truth
 from pcnclaws.data.scenes import simulate_records
@@ -43,6 +50,8 @@ def estimate(config: DictConfig) -> None:
     started = time.monotonic()
     output = output_file(config)
     use_processor(config)
+    if config.device != "cpu":
+        raise UserError(f"device={config.device} is not accepted; accepted: cpu, estimation has no other way yet")
     quiet_lightning()
     console = Console() if Console().is_terminal else Console(width=PLAIN_WIDTH)
     material = material_from(config)
@@ -50,7 +59,7 @@ def estimate(config: DictConfig) -> None:
     observation = observation_from(config, material)
     unknowns = unknowns_from(config, material, observation)
     laws, law_error = laws_for(str(config.law), material), known_law_error(law_folder(str(config.law), material))
-    problem = EstimationProblem(laws, observation, unknowns, precision_from(config))
+    problem = EstimationProblem(laws, observation, unknowns, precision_from(config), skips_from(config))
 
     guess = guess_from(config, material, problem)
     module = InverseModule(problem, start_from_guess(config, problem, guess, console), estimator)
@@ -73,7 +82,7 @@ def estimate(config: DictConfig) -> None:
         "estimator": estimator.name,
         **result_values(unknowns, guessed, found, truth),
         "mse": mse,
-        "iterations": len(module.history),
+        "iterations": module.iterations,
         "history": [{"values": list(numbers), "mse": error} for numbers, error in module.history],
         "seconds": round(time.monotonic() - started, 1),
         "provenance": provenance(config.seed) | {"precision": config.precision},
@@ -88,8 +97,7 @@ def estimate(config: DictConfig) -> None:
 def _search_folder(config: DictConfig, output: Path) -> Path:
     """Where an interrupted search is kept, beside the output; one of other options is not gone on with."""
     folder = output.with_suffix("") if output.suffix else output.with_name(f"{output.name}_search")
-    options = OmegaConf.to_container(config)
-    assert isinstance(options, dict)  # noqa: S101
+    options = cast(dict[str, Any], OmegaConf.to_container(config))
     asked = {str(key): value for key, value in options.items() if key not in FREE_OPTIONS}
     noted = folder / "search.yaml"
     if folder.exists() and not folder.is_dir():
@@ -121,7 +129,9 @@ def _extras(
     observation, problem, u = module.problem.observation, module.problem, module.u
     stem = output.with_suffix("") if output.suffix else output
     written = []
-    if config.trajectory:
+    if config.trajectory and config.vary != "uniform":
+        log.warning("vary=%s: no trajectory is written, whose file has one value of each parameter", config.vary)
+    elif config.trajectory:
         path = stem.with_name(f"{stem.name}_simulated.h5")
         _write_trajectory(path, problem, u, laws, precision_from(config))
         written.append(path)

@@ -1,12 +1,9 @@
 """Evaluates a law: python -m pcnclaws.evaluate material=sand law=analytic trajectories=x.h5 output=metrics.json."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
-from rich.progress import Progress
 
 from pcnclaws import launcher
 from pcnclaws.configuration import (
@@ -31,6 +28,7 @@ from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import Outcomes, metrics, results_table, survived, write_metrics
 from pcnclaws.evaluation.tasks import evaluate_records, require_material, steps_to_run
 from pcnclaws.laws.materials import Material
+from pcnclaws.progress import progress_bar
 from pcnclaws.runs import model_for
 from pcnclaws.time_step import largest_speed, scene_cfl, stable_cfl, time_step_limit
 
@@ -82,7 +80,7 @@ def _on_task(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str
     # that a map goes outside the training data needs no warning
     laws = model_for(str(config.law), material, [] if task.may_diverge else [start.parameters for start in task.starts])
     device, skips = device_from(config), skips_from(config)
-    with _progress("simulating the truth", task.work) as advance:
+    with progress_bar("simulating the truth", task.work) as advance:
         truth = true_records(task, material, device, advance, skips)
     records = [scene for scene in truth if isinstance(scene, SceneRecord)]
     outcomes = [scene for scene in truth if isinstance(scene, DivergedScene)]
@@ -91,7 +89,7 @@ def _on_task(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str
         outcomes = [*_simulated(config, _in_time_step(config, records), laws, may_diverge), *outcomes]
     if not config.floor or not records:
         return outcomes, {}
-    with _progress("simulating the floor", 2 * len(records)) as advance:
+    with progress_bar("simulating the floor", 2 * len(records)) as advance:
         return outcomes, floor(records, device, advance, skips)
 
 
@@ -100,10 +98,10 @@ def _simulated(config: DictConfig, records: list[SceneRecord], laws: Model, may_
     options = (laws, precision_from(config), device_from(config))
     what, skips = f"simulating with law={config.law}", skips_from(config)
     if may_diverge:
-        with _progress(what, len(records)) as advance:
+        with progress_bar(what, len(records)) as advance:
             return survivors(records, lambda some: evaluate_records(some, *options, None, skips), advance)
     try:
-        with _progress(what, steps_to_run(records)) as advance:
+        with progress_bar(what, steps_to_run(records)) as advance:
             return evaluate_records(records, *options, advance, skips)
     except SimulationDiverged as error:
         failed = next((record for record in records if f"scene '{record.name}'" in str(error)), records[0])
@@ -166,15 +164,6 @@ def _limit(record: SceneRecord) -> str:
     start = start_of(record)
     speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
     return time_step_limit(start.settings, start.parameters, speed, start.material)
-
-
-@contextmanager
-def _progress(what: str, steps: int) -> Iterator[Callable[[int], None]]:
-    """A progress bar with the time left, on stderr, gone when done."""
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(what, total=steps)
-        yield lambda done: progress.advance(task, done)
 
 
 def _print_table(config: DictConfig, outcomes: Outcomes, material: Material) -> None:

@@ -1,12 +1,8 @@
 """Simulates one scene: python -m pcnclaws.simulate material=sand law=analytic output=x.h5."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from omegaconf import DictConfig
-from rich.console import Console
-from rich.progress import Progress
 
 from pcnclaws import launcher
 from pcnclaws.configuration import (
@@ -23,6 +19,7 @@ from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import SceneStart, simulate_records
 from pcnclaws.errors import SimulationDiverged, UserError
+from pcnclaws.progress import progress_bar
 from pcnclaws.rendering.pictures import trajectory_picture
 from pcnclaws.runs import laws_for
 from pcnclaws.time_step import check_time_step, largest_speed, time_step_limit
@@ -56,7 +53,7 @@ def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
     keyframe_every = whole_number(config, "keyframe_every", least=0)
     laws = laws_for(str(config.law), material_from(config), [parameters])
     dtype, device = precision_from(config), device_from(config)
-    with _progress(steps) as advance:
+    with progress_bar("simulating", steps) as advance:
         try:
             skips = skips_from(config)
             return simulate_records(
@@ -67,15 +64,6 @@ def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
             raise SimulationDiverged(
                 f"{error}; simulation.time_step={settings.time_step:g}, stable: {limit}"
             ) from error
-
-
-@contextmanager
-def _progress(steps: int) -> Iterator[Callable[[int], None]]:
-    """A progress bar with the time left, on stderr, gone when done."""
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("simulating", total=steps)
-        yield lambda done: progress.advance(task, done)
 
 
 def _summary(record: SceneRecord, output: Path) -> str:

@@ -138,6 +138,7 @@ def test_free_flight_gives_no_number(estimated, tmp_path: Path) -> None:
         (["unknown.motion=perhaps"], "unknown.motion=perhaps is not accepted"),
         (["scene.shape=cube", "scene.side=0.05"], "from the body; accepted: at most one grid cell"),
         (["output=x.h5"], "is the file of observation.file"),
+        (["device=cuda"], "device=cuda is not accepted; accepted: cpu"),
         (["screening=-1"], "screening=-1 is not accepted"),
     ],
 )
@@ -147,6 +148,20 @@ def test_wrong_input_is_one_line_exit_2_and_no_result(arguments: list[str], mess
     assert message in outcome.err
     assert len(outcome.err.splitlines()) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["x.h5"]
+
+
+def test_two_bodies_keep_their_results_though_no_trajectory_can_hold_them(estimated, tmp_path, caplog) -> None:
+    one = start("elasticity")
+    apart = np.concatenate((one.position - np.array((0.2, 0.0, 0.0)), one.position + np.array((0.2, 0.02, 0.0))))
+    both = replace(one, position=apart, velocity=np.tile(one.velocity, (2, 1)), volume=np.tile(one.volume, 2))
+    write_scenes(tmp_path / "x.h5", simulate_records([both], analytic_laws(MATERIALS["elasticity"]), 100, 5))
+    outcome = estimated("vary=bodies", "initial_guess.youngs_modulus=8e4")
+    assert outcome.status == 0, outcome.err
+    found = json.loads((tmp_path / "new" / "e.json").read_text())["parameters"]
+    assert [found[f"youngs_modulus[body_{k}]"]["estimate"] for k in (0, 1)] == pytest.approx([1e5, 1e5], rel=1e-3)
+    assert "no trajectory is written" in caplog.text
+    assert not (tmp_path / "new" / "e_simulated.h5").exists()
+    assert (tmp_path / "new" / "e_convergence.png").exists()
 
 
 @pytest.mark.parametrize("damage", ["truncated", "all NaN", "millimetres"])

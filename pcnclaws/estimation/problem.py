@@ -15,11 +15,12 @@ from torch.autograd import forward_ad
 
 from pcnclaws.data.observation import Observation
 from pcnclaws.data.scenes import SceneStart, simulator_of, vectors_first
-from pcnclaws.errors import UserError
 from pcnclaws.estimation.unknowns import TIME_OFFSET, Unknowns
 from pcnclaws.laws.materials import Laws
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.rollout import positions_at
+from pcnclaws.skips import Skips
+from pcnclaws.tensor_types import Parameters
 from pcnclaws.time_step import largest_speed, scene_cfl, stable_cfl
 
 # So many particles are simulated at once.
@@ -59,15 +60,20 @@ class _Interpolation(NamedTuple):
 class EstimationProblem:
     """An observation, the laws that are to explain it, and the unknowns that they may choose.
 
-    laws         frozen, of the observation's material
-    start        velocity of the particles where it is known [m/s], (particles, 3)
+    laws   frozen, of the observation's material
+    skips  what the simulations leave out, everything that they can by default
     """
 
     def __init__(
-        self, laws: Laws, observation: Observation, unknowns: Unknowns, dtype: torch.dtype = torch.float32
+        self,
+        laws: Laws,
+        observation: Observation,
+        unknowns: Unknowns,
+        dtype: torch.dtype = torch.float32,
+        skips: Skips | None = None,
     ) -> None:
-        self.observation, self.unknowns, self.dtype = observation, unknowns, dtype
-        self.simulator = simulator_of(laws, observation.settings).to(dtype=dtype)
+        self.observation, self.unknowns, self.dtype, self.skips = observation, unknowns, dtype, skips or Skips()
+        self.simulator = simulator_of(laws, observation.settings, self.skips).to(dtype=dtype)
         self._position = self._tensor(vectors_first(observation.position))
         self._volume = self._tensor(observation.volume)
         self._particle = torch.from_numpy(np.ascontiguousarray(observation.particle))
@@ -82,12 +88,11 @@ class EstimationProblem:
         for u in candidates:
             found.append(np.inf if self.instability(u) > 1.0 else None)
         running = [k for k, value in enumerate(found) if value is None]
-        size = max(PARTICLES_AT_ONCE // self._position.shape[1], 1)
-        for first in range(0, len(running), size):
-            chunk = running[first : first + size]
+        for first in range(0, len(running), self._copies):
+            chunk = running[first : first + self._copies]
             values = [self.unknowns.values(candidates[k]) for k in chunk]
             with torch.no_grad():
-                motion = self._simulated(values, [None] * len(chunk))
+                motion = self._observed(values, [None] * len(chunk))
             for k, one in zip(chunk, motion.unbind(2), strict=True):
                 mean = float((one - self._target)[self._seen].double().square().mean())
                 found[k] = mean if np.isfinite(mean) else np.inf
@@ -130,25 +135,20 @@ class EstimationProblem:
                 parameters[unknown.name] = parameters.get(unknown.name, 0.0) + free[k].to(self.dtype) * share
         plan = self._interpolation(values)
         state = ParticleState.at_rest_shape(self._position, velocity)
-        found = positions_at(self.simulator, state, self._scenes(1), parameters, plan.steps)
+        found = self._positions(state, 1, parameters, plan)
         motion = self._at_frames(found[:, :, None, :], plan)[:, :, 0]
         return (motion - self._target)[self._seen].square().mean()
 
     def motion(self, u: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, "frames markers 3"]:
         """Simulated positions of the markers at the frames [m]."""
         with torch.no_grad():
-            found = self._simulated([self.unknowns.values(u)], [None])
+            found = self._observed([self.unknowns.values(u)], [None])
         return np.swapaxes(found[:, :, 0].numpy(), 1, 2)
 
     def start(self, u: Float[np.ndarray, " unknowns"]) -> SceneStart:
-        """Where the scene starts, of parameters that are the same everywhere.
-
-        raises  UserError for parameters that vary, which a trajectory file cannot hold
-        """
+        """Where the scene starts; with the parameters of the first particle, which are all that the scene can hold."""
         values, observation = self.unknowns.values(u), self.observation
         parameters = self.unknowns.parameters(values)
-        if any(np.ptp(one) > 1e-9 * np.abs(one).max() for one in parameters.values()):
-            raise UserError("trajectory=true needs parameters that are the same everywhere; accepted: trajectory=false")
         return SceneStart(
             observation.name,
             observation.material,
@@ -179,12 +179,19 @@ class EstimationProblem:
     def _forward_mode(self, values: np.ndarray, slopes: np.ndarray, chunk: Sequence[int]) -> tuple[Tensor, Tensor]:
         """Positions of the markers and their rates, (frames, 3, copies, markers); copy k carries unknown chunk[k]."""
         with torch.no_grad(), forward_ad.dual_level():
-            dual = self._simulated([values] * len(chunk), [(k, slopes[k]) for k in chunk])
+            dual = self._observed([values] * len(chunk), [(k, slopes[k]) for k in chunk])
             found, rates = forward_ad.unpack_dual(dual)
             return found, torch.zeros_like(found) if rates is None else rates
 
-    def _simulated(self, values: Sequence[np.ndarray], carried: Sequence[tuple[int, float] | None]) -> Tensor:
-        """Markers at the frames, (frames, 3, copies, markers), of one batch with a copy of the scene for each entry.
+    def _observed(self, values: Sequence[np.ndarray], carried: Sequence[tuple[int, float] | None]) -> Tensor:
+        """Markers at the frames, (frames, 3, copies, markers), of the batch that _simulated describes."""
+        plan = self._interpolation(values[0])
+        return self._at_frames(self._simulated(values, carried, plan), plan)
+
+    def _simulated(
+        self, values: Sequence[np.ndarray], carried: Sequence[tuple[int, float] | None], plan: _Interpolation
+    ) -> Tensor:
+        """Particles at the steps, (steps, 3, copies, particles), of one batch with a copy of the scene for each entry.
 
         carried  the unknown whose derivative a copy carries and its slope, None for none
         """
@@ -211,19 +218,25 @@ class EstimationProblem:
             parameters[name] = forward_ad.make_dual(parameters[name], self._tensor(rates[name]))
         if "velocity" in moving:
             velocity = forward_ad.make_dual(velocity, self._tensor(velocity_rate))
-        plan = self._interpolation(values[0])
         state = ParticleState.at_rest_shape(self._position.repeat(1, copies), velocity)
-        found = positions_at(self.simulator, state, self._scenes(copies), parameters, plan.steps)
-        return self._at_frames(found.unflatten(2, (copies, particles)), plan)
+        found = self._positions(state, copies, parameters, plan)
+        return found.unflatten(2, (copies, particles))
+
+    def _positions(self, state: ParticleState, copies: int, parameters: Parameters, plan: _Interpolation) -> Tensor:
+        scenes = self._scenes(copies)
+        return positions_at(self.simulator, state, scenes, parameters, plan.steps, skips=self.skips)
 
     def _at_frames(self, found: Tensor, plan: _Interpolation) -> Tensor:
         """Positions of particles at steps, (steps, 3, copies, particles), as those of markers at frames."""
-        if self._particle.shape[1] == 1:
-            markers = found[..., self._particle[:, 0]]
-        else:
-            markers = (found[..., self._particle] * self._weight).sum(-1)
+        markers = self._markers(found)
         share = self._tensor(plan.share)[:, None, None, None]
         return markers[plan.before] * (1.0 - share) + markers[plan.after] * share
+
+    def _markers(self, found: Tensor) -> Tensor:
+        """Positions of particles as those of the markers that follow them."""
+        if self._particle.shape[1] == 1:
+            return found[..., self._particle[:, 0]]
+        return (found[..., self._particle] * self._weight).sum(-1)
 
     def _interpolation(self, values: np.ndarray) -> _Interpolation:
         offset = sum(values[k] for k in self.unknowns.index(TIME_OFFSET))
@@ -240,18 +253,10 @@ class EstimationProblem:
 
     def _velocity(self, values: np.ndarray) -> Tensor:
         """Velocity of the markers at the frames [m/s], (frames, 3, markers)."""
+        plan = self._interpolation(values)
         with torch.no_grad():
-            plan = self._interpolation(values)
-            ends = []
-            for share in (0.0, 1.0):
-                ends.append(self._simulated_with(values, plan._replace(share=np.full_like(plan.share, share))))
-        return (ends[1] - ends[0]) / self.observation.settings.time_step
-
-    def _simulated_with(self, values: np.ndarray, plan: _Interpolation) -> Tensor:
-        parameters = {name: self._tensor(one) for name, one in self.unknowns.parameters(values).items()}
-        state = ParticleState.at_rest_shape(self._position, self._start_velocity(values))
-        found = positions_at(self.simulator, state, self._scenes(1), parameters, plan.steps)
-        return self._at_frames(found[:, :, None, :], plan)[:, :, 0]
+            markers = self._markers(self._simulated([values], [None], plan))
+        return (markers[plan.after] - markers[plan.before])[:, :, 0] / self.observation.settings.time_step
 
     def _rows(self, field: Tensor) -> np.ndarray:
         """The observed coordinates of a field (frames, 3, markers)."""
@@ -267,13 +272,9 @@ class EstimationProblem:
 
     def _rigid_motion(self, k: int) -> Float[np.ndarray, "particles 3"]:
         """Velocities that a unit of a start velocity or a spin gives to its body."""
-        unknown = self.unknowns.sought[k]
-        share = unknown.component.share if unknown.component else np.ones(len(self.observation.position))
-        axis = np.eye(3)["xyz".index(unknown.name[-1])]
-        if unknown.name.startswith("velocity"):
-            return share[:, None] * axis
-        centre = np.average(self.observation.position, axis=0, weights=share)
-        return share[:, None] * np.cross(axis, self.observation.position - centre)
+        unknown, position = self.unknowns.sought[k], self.observation.position
+        share = unknown.component.share if unknown.component else np.ones(len(position))
+        return share[:, None] * unknown.rigid_velocity(position, position)
 
     def _fixed(self) -> dict[str, Tensor]:
         return {name: self._tensor(known) for name, known in self.unknowns.fixed.items()}

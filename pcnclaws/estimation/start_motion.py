@@ -36,8 +36,5 @@ def _motion(
     """Velocities of the markers for a unit of an unknown."""
     unknown = unknowns.sought[k]
     share = unknown.component.share if unknown.component else np.ones(len(observation.position))
-    mine = np.einsum("mk,mk->m", observation.weight, share[observation.particle])[:, None]
-    axis = np.eye(3)["xyz".index(unknown.name[-1])]
-    if unknown.name.startswith("velocity"):
-        return mine * axis
-    return mine * np.cross(axis, markers - np.average(observation.position, axis=0, weights=share))
+    mine = np.einsum("mk,mk->m", observation.weight, share[observation.particle])
+    return mine[:, None] * unknown.rigid_velocity(markers, observation.position)

@@ -54,7 +54,21 @@ class Unknown:
 
     @property
     def is_motion(self) -> bool:
+        """Whether it is a start velocity or a spin."""
         return self.name in MOTION
+
+    def rigid_velocity(
+        self, point: Float[np.ndarray, "points 3"], position: Float[np.ndarray, "particles 3"]
+    ) -> Float[np.ndarray, "points 3"]:
+        """Velocities of points of the body for a unit of a start velocity, or of a spin about the body's centre.
+
+        position  of the particles at the start [m]
+        """
+        share = self.component.share if self.component else np.ones(len(position))
+        axis = np.broadcast_to(np.eye(3)["xyz".index(self.name[-1])], point.shape)
+        if self.name.startswith("velocity"):
+            return axis
+        return np.cross(axis, point - np.average(position, axis=0, weights=share))
 
 
 @dataclass(frozen=True)

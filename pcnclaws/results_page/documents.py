@@ -39,7 +39,7 @@ def read_results(folder: Path) -> Results:
     """All results in the folder; UserError for a folder without any, or a file that is none."""
     found: dict[str, dict[str, Row]] = {}
     for place in sorted({path.parent for path in folder.glob("*/*/*.json")}):
-        documents = {path.stem: _document(path) for path in sorted(place.glob("*.json"))}
+        documents = {path.stem: read_document(path) for path in sorted(place.glob("*.json"))}
         training = documents.pop(TRAINING, None)
         found.setdefault(place.parent.name, {})[place.name] = Row(place, documents, training)
     if not any(row.tasks for rows in found.values() for row in rows.values()):
@@ -52,11 +52,12 @@ def tasks_of(rows: Mapping[str, Row]) -> list[str]:
     return [task for task in TASKS if any(task in row.tasks for row in rows.values())]
 
 
-def _document(path: Path) -> Document:
+def read_document(path: Path, holds: str = "mse", command: str = "evaluate") -> Document:
+    """A JSON file of a command; UserError for one that cannot be read, or does not hold what it should."""
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as fault:
-        raise UserError(f"{path}: not readable ({fault}); accepted: the output of evaluate") from fault
-    if not isinstance(document, dict) or "mse" not in document:
-        raise UserError(f"{path}: holds no mse; accepted: the output of evaluate")
+        raise UserError(f"{path}: not readable ({fault}); accepted: the output of {command}") from fault
+    if not isinstance(document, dict) or holds not in document:
+        raise UserError(f"{path}: holds no {holds}; accepted: the output of {command}")
     return document

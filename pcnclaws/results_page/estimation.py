@@ -3,15 +3,14 @@
 It is made of <folder>/<object>/<way>.json, outputs of `python -m pcnclaws.estimate`.
 """
 
-import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from pcnclaws.data.atomic import replaced_file
 from pcnclaws.errors import UserError
 from pcnclaws.results_page.cells import table
+from pcnclaws.results_page.documents import Document, read_document
 
 WAYS = {
     "analytic": "analytic law",
@@ -47,12 +46,10 @@ JSON files in [results/estimation](results/estimation), which hold command, hard
 laws are those that ship; the nine objects are in none of their training data. The seconds are those of the whole
 command on one thread, and depend on what else the machine did."""
 
-Found = Mapping[str, Any]
-
 
 def estimation_page(folder: Path) -> str:
     """The page in Markdown; UserError for a folder without results."""
-    found = {path: _read(path) for path in sorted(folder.glob("*/*.json"))}
+    found = {path: read_document(path, "parameters", "estimate") for path in sorted(folder.glob("*/*.json"))}
     if not found:
         raise UserError(f"{folder}: holds no results; accepted: a folder of <object>/<way>.json")
     objects = sorted({path.parent.name for path in found})
@@ -65,7 +62,7 @@ def estimation_page(folder: Path) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _object(name: str, ways: Mapping[str, Found]) -> str:
+def _object(name: str, ways: Mapping[str, Document]) -> str:
     first = next(iter(ways.values()))["parameters"]
     names = list(first)
     lines = [["truth", *(_number(n, first[n]["truth"]) for n in names), "", "", ""]]
@@ -81,7 +78,7 @@ def _object(name: str, ways: Mapping[str, Found]) -> str:
     return f"## {name.replace('_', ' ').capitalize()}\n\n{table(header, lines)}"
 
 
-def _summary(found: Mapping[Path, Found]) -> str:
+def _summary(found: Mapping[Path, Document]) -> str:
     """How many intervals hold the truth, and the largest differences, by way."""
     lines = []
     for way, word in WAYS.items():
@@ -99,7 +96,7 @@ def _summary(found: Mapping[Path, Found]) -> str:
     return "## All\n\n" + table(["", "intervals that hold the truth", "largest differences"], lines)
 
 
-def _off(name: str, one: Found) -> float:
+def _off(name: str, one: Document) -> float:
     difference = abs(one["estimate"] - one["truth"])
     return difference / one["truth"] if name in THOUSANDS else difference
 
@@ -108,7 +105,7 @@ def _worst(name: str, error: float) -> str:
     return f"{100.0 * error:.2g} %" if name in THOUSANDS else f"{error:.2g}" + ("°" if name == "friction_angle" else "")
 
 
-def _cell(name: str, one: Found) -> str:
+def _cell(name: str, one: Document) -> str:
     if not one["identifiable"]:
         return "not told"
     low, high = (_number(name, end) for end in one["interval_95"])
@@ -117,16 +114,6 @@ def _cell(name: str, one: Found) -> str:
 
 def _number(name: str, value: float) -> str:
     return f"{value / 1e3:.5g}" if name in THOUSANDS else f"{value:.4g}"
-
-
-def _read(path: Path) -> Found:
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as fault:
-        raise UserError(f"{path}: not readable ({fault}); accepted: the output of estimate") from fault
-    if not isinstance(values, dict) or "parameters" not in values:
-        raise UserError(f"{path}: holds no parameters; accepted: the output of estimate")
-    return values
 
 
 def main() -> None:

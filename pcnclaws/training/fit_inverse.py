@@ -3,7 +3,7 @@
 import logging
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from lightning.pytorch import LightningModule, Trainer
 from lightning.pytorch.callbacks import Callback
@@ -62,11 +62,10 @@ class _Lines(Callback):
     def on_train_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
-        assert isinstance(pl_module, InverseModule)  # noqa: S101
-        count = trainer.current_epoch + 1
+        module, count = cast(InverseModule, pl_module), trainer.current_epoch + 1
         if count > 10 and count % 10:
             return
-        values, mse = pl_module.history[-1]
-        named = zip(pl_module.problem.unknowns.sought, values, strict=True)
+        values, mse = module.history[-1]
+        named = zip(module.problem.unknowns.sought, values, strict=True)
         words = "  ".join(f"{unknown.label} {value:.4g}" for unknown, value in named if not unknown.is_motion)
-        self.console.print(f"iteration {count}/{pl_module.estimator.iterations}  {words}  MSE {mse:.2e} m²")
+        self.console.print(f"iteration {count}/{module.estimator.iterations}  {words}  MSE {mse:.2e} m²")

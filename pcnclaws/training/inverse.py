@@ -66,6 +66,11 @@ class InverseModule(LightningModule):
         """The coordinates now."""
         return self.coordinates.detach().numpy().copy()
 
+    @property
+    def iterations(self) -> int:
+        """How many were done; the history of Gauss-Newton holds its start, too."""
+        return max(len(self.history) - (not self.automatic_optimization), 0)
+
     def linearisation(self) -> Linearisation:
         """The motion around the coordinates now."""
         if self._at is None:
