@@ -1,6 +1,6 @@
 # `make` lists the targets. Each of them does its own set-up, once.
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-all tables lint clean
+.PHONY: help install demo test test-all test-gpu tables lint clean
 .DELETE_ON_ERROR:
 
 PYTHON ?= python3
@@ -20,10 +20,14 @@ demo: $(INSTALLED) ## make data, train the law of sand, test it on unseen parame
 	$(RUN) pcnclaws.train experiment=sand_multi
 
 test: $(INSTALLED) ## run the tests that take seconds
-	$(PYTEST) -m "not slow"
+	$(PYTEST) -m "not slow and not gpu"
 
-test-all: $(INSTALLED) ## run all tests
-	$(PYTEST)
+test-all: $(INSTALLED) ## run all tests that need no GPU
+	$(PYTEST) -m "not gpu"
+
+# PyTorch's compiler does not see through the checks of shapes that other tests run with, and warns of its own accord.
+test-gpu: $(INSTALLED) ## run the tests that need a GPU
+	$(RUN) pytest -m gpu -o addopts= -W default tests/test_cuda_graphs.py
 
 tables: $(INSTALLED) ## write the pages of results from the JSON files in docs/results
 	$(RUN) pcnclaws.results_page docs/results/accuracy docs/results.md docs/results/baselines docs/comparison.md

@@ -5,7 +5,9 @@ invariants and the Cayley-Hamilton theorem, so nothing is divided by a differenc
 derivatives stay finite where stretches coincide, which is where every simulation starts (F = I).
 """
 
+import functools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -115,34 +117,41 @@ def exp_symmetric(a: Matrices) -> Matrices:
     scaled = deviator(a) * 0.5**_EXP_SQUARINGS
     squared = matmul(scaled, scaled)
     a2, a3 = 0.5 * trace(squared), determinant(scaled)
-    weights = _EXP_WEIGHTS[a.dtype].to(a.device)
+    weights = _EXP_WEIGHTS[a.dtype]
     g = [torch.zeros_like(a2), torch.ones_like(a2), torch.zeros_like(a2), torch.zeros_like(a2) + a2]
     # g[k] is g_(k+1): g_1 = 0, g_2 = 1, g_3 = 0, g_4 = a2
-    while len(g) < weights.shape[1]:
+    while len(g) < len(weights[0]):
         g.append(torch.addcmul(a3 * g[-3], a2, g[-2]))
-    of_i, of_a, of_squared = weights @ torch.stack(g)
+    of_i, of_a, of_squared = _weighted_sums(weights, g)
     result = identity_like(a) * (1.0 + a3 * of_i) + of_a * scaled + of_squared * squared
     for _ in range(_EXP_SQUARINGS):
         result = matmul(result, result)
     return result * torch.exp(trace(a) / 3.0)
 
 
-def _gauss_legendre(count: int) -> tuple[Tensor, Tensor]:
-    """Nodes t on [0, 1], (nodes, 1), and weights of the moments of order 0, 1 and 2, (3, nodes)."""
+Table = tuple[tuple[float, ...], ...]
+
+
+def _gauss_legendre(count: int) -> tuple[tuple[float, ...], Table]:
+    """Nodes t on [0, 1], and weights of the moments of order 0, 1 and 2."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     t, w = 0.5 * (nodes + 1.0), 0.5 * weights
-    return torch.from_numpy(t[:, None]), torch.from_numpy(np.stack((w, w * t, w * t * t)))
+    return tuple(t.tolist()), _table(np.stack((w, w * t, w * t * t)))
 
 
-def _exp_weights(terms: int, dtype: torch.dtype) -> Tensor:
-    """Weights 1/n! that sum g_1 .. g_(terms + 1) to the coefficients of I (over a3), A and A^2, (3, terms + 1)."""
+def _exp_weights(terms: int) -> Table:
+    """Weights 1/n! that sum g_1 .. g_(terms + 1) to the coefficients of I (over a3), A and A^2."""
     weights = np.zeros((3, terms + 1))
     for n in range(1, terms + 1):
         if n >= 2:
             weights[0, n - 2] = 1.0 / math.factorial(n)
         weights[1, n] = 1.0 / math.factorial(n)
         weights[2, n - 1] = 1.0 / math.factorial(n)
-    return torch.tensor(weights, dtype=dtype)
+    return _table(weights)
+
+
+def _table(values: np.ndarray) -> Table:
+    return tuple(tuple(row) for row in values.tolist())
 
 
 # right to 1e-13 and 1e-7
@@ -151,7 +160,23 @@ _LOG_QUADRATURE = {
     torch.float32: _gauss_legendre(9),
 }
 _EXP_SQUARINGS = 2
-_EXP_WEIGHTS = {torch.float64: _exp_weights(16, torch.float64), torch.float32: _exp_weights(10, torch.float32)}
+_EXP_WEIGHTS = {torch.float64: _exp_weights(16), torch.float32: _exp_weights(10)}
+
+
+def _weighted_sums(weights: Table, rows: Sequence[Scalars]) -> Tensor:
+    """Weighted sums of some rows, (sums, particles)."""
+    if torch.compiler.is_compiling():  # written out, it joins the operations around it
+        sums = [[w * row for w, row in zip(of_sum, rows, strict=True) if w] for of_sum in weights]
+        return torch.stack([functools.reduce(torch.add, of_sum) for of_sum in sums])
+    stacked = torch.stack(list(rows))
+    return _constant(weights, stacked.dtype, stacked.device) @ stacked
+
+
+@functools.cache
+def _constant(values: Table, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """A table on a device, copied there once: a copy in every step would wait for the device."""
+    with torch.inference_mode(False):  # which could not be differentiated later
+        return torch.tensor(values, dtype=dtype, device=device)
 
 
 def _moments_of_inverse_determinant(i1: Scalars, i2: Scalars, i3: Scalars, precision: torch.dtype) -> Tensor:
@@ -159,9 +184,12 @@ def _moments_of_inverse_determinant(i1: Scalars, i2: Scalars, i3: Scalars, preci
 
     The nodes are enough for Y + I between sqrt(0.05) and sqrt(20).
     """
-    t, weights = (q.to(i1.device) for q in _LOG_QUADRATURE[precision])
+    nodes, weights = _LOG_QUADRATURE[precision]
+    if torch.compiler.is_compiling():
+        return _weighted_sums(weights, [(1.0 + t * (i1 + t * (i2 + t * i3))).reciprocal() for t in nodes])
+    t = _constant((nodes,), i1.dtype, i1.device).T
     determinants = 1.0 + t * (i1 + t * (i2 + t * i3))
-    return weights @ determinants.reciprocal()
+    return _constant(weights, i1.dtype, i1.device) @ determinants.reciprocal()
 
 
 def _left_stretch(deformation: Matrices) -> tuple[Matrices, Matrices, Scalars, Scalars, Scalars, Scalars]:
@@ -205,5 +233,5 @@ def _approximate_eigenvalues(a1: Scalars, a2: Scalars, a3: Scalars) -> Tensor:
     radius = torch.maximum((mean.square() - a2 / 3.0).clamp_min(0.0).sqrt(), mean * torch.finfo(a1.dtype).eps)
     half_determinant = 0.5 * (a3 - mean * (a2 - 2.0 * mean.square())) / radius.pow(3)
     angle = half_determinant.clamp(-1.0, 1.0).acos() / 3.0
-    thirds = torch.tensor([[0.0], [2.0], [4.0]], dtype=a1.dtype, device=a1.device) * (math.pi / 3.0)
+    thirds = torch.arange(0, 6, 2, dtype=a1.dtype, device=a1.device)[:, None] * (math.pi / 3.0)
     return (mean + 2.0 * radius * torch.cos(angle + thirds)).clamp_min(0.0)

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from pcnclaws.active_scenes import ActiveScenes
 from pcnclaws.at_rest import RestWatch
+from pcnclaws.cuda_graphs import advanced, differentiable_steps, records_steps
 from pcnclaws.errors import SimulationDiverged
 from pcnclaws.free_fall import free_steps
 from pcnclaws.mpm.diagnostics import failing_particles, why_failing
@@ -81,7 +82,20 @@ def simulate_scenes(
         run = ActiveScenes(simulator.step_function, state, scenes, parameters, settings.time_step, free)
         recording = Recording(plan, state, everything=not skips.history)
         watch = RestWatch(settings, plan.steps) if skips.rest else None
-        return _run(run, recording, watch, _Report(scene_names, "", progress))
+        return _run(run, recording, watch, _Report(scene_names, "", progress), simulator)
+
+
+@torch.no_grad()
+def state_after(
+    simulator: Simulator, state: ParticleState, scenes: Scenes, parameters: Parameters, steps: int
+) -> ParticleState:
+    """The state `steps` steps later: every step is run, without a graph, and nobody looks whether it is physical."""
+    if records_steps(state, scenes):
+        return advanced(simulator, state, scenes, parameters, steps)[0]
+    step = simulator.step_function(scenes, parameters)
+    for _ in range(steps):
+        state = step(state)
+    return state
 
 
 def differentiable_rollout(
@@ -127,7 +141,7 @@ def positions_at(
     weights = list(simulator.parameters())
     if weights and not skips.weight_gradients and not any(weight.requires_grad for weight in weights):
         simulator = copy.deepcopy(simulator).requires_grad_()
-    if recompute is None:
+    if recompute is None and not records_steps(state, scenes):
         most = MOST_COMPILED_PARTICLE_STEPS if simulator.runs_compiled(state) else MOST_PARTICLE_STEPS
         recompute = _particle_steps(scenes, steps, free) > most
     run = ActiveScenes(
@@ -136,16 +150,28 @@ def positions_at(
 
     wanted = set(at)
     positions = [state.position] if 0 in wanted else []
-    for n in range(1, steps + 1):
-        after = run.state
-        if run.any_running and recompute and torch.is_grad_enabled():
-            after = recomputed_step(simulator, run.state, run.group.scenes, run.group.parameters)
-        elif run.any_running:
-            after = run.step(run.state)
-        run.reached(n, after)
+    for n in sorted(n for n in {*wanted, *run.joins, steps} if 0 < n <= steps):
+        run.reached(n, _differentiable_steps(simulator, run, n - run.n, bool(recompute)))
         if n in wanted:
             positions.append(run.whole().position)
     return torch.stack(positions)
+
+
+def _differentiable_steps(simulator: Simulator, run: ActiveScenes, count: int, recompute: bool) -> ParticleState:
+    """The state of the running scenes `count` steps later."""
+    state, (scenes, parameters) = run.state, run.group[2:]
+    if not run.any_running:
+        return state
+    if records_steps(state, scenes):
+        if torch.is_grad_enabled():
+            return differentiable_steps(simulator, state, scenes, parameters, count)
+        return advanced(simulator, state, scenes, parameters, count)[0]
+    for _ in range(count):
+        if recompute and torch.is_grad_enabled():
+            state = recomputed_step(simulator, state, scenes, parameters)
+        else:
+            state = run.step(state)
+    return state
 
 
 class _Report(NamedTuple):
@@ -156,13 +182,22 @@ class _Report(NamedTuple):
     progress: Progress | None
 
 
-def _run(run: ActiveScenes, recording: Recording, watch: RestWatch | None, report: _Report) -> Trajectory:
-    """Runs from one look to the next: at frames, where scenes begin to run, and where they may have come to rest."""
+def _run(
+    run: ActiveScenes,
+    recording: Recording,
+    watch: RestWatch | None,
+    report: _Report,
+    simulator: Simulator | None = None,
+) -> Trajectory:
+    """Runs from one look to the next: at frames, where scenes begin to run, and where they may have come to rest.
+
+    simulator  what the steps are of, None for any other step function
+    """
     plan = recording.plan
     frames, rests = set(plan.frames), set(watch.looks if watch else ())
     _require_physical(run, failing_particles(run.state), report)
     for n in sorted(n for n in {*frames, *rests, *run.joins, plan.steps} if n <= plan.steps):
-        _advance(run, n, report)
+        _advance(run, n, report, simulator)
         if n in frames:
             recording.put(n, run.whole())
         if watch and n in rests and run.any_running:
@@ -170,10 +205,16 @@ def _run(run: ActiveScenes, recording: Recording, watch: RestWatch | None, repor
     return recording.trajectory()
 
 
-def _advance(run: ActiveScenes, n: int, report: _Report) -> None:
+def _advance(run: ActiveScenes, n: int, report: _Report, simulator: Simulator | None) -> None:
     """Runs to step n with one look at the device at its end; the exact step is found again when it matters."""
     state, count = run.state, n - run.n
-    if run.any_running and count:
+    records = simulator is not None and not torch.is_grad_enabled() and records_steps(state, run.group.scenes)
+    if simulator is not None and records and run.any_running and count:
+        state, failed = advanced(simulator, state, run.group.scenes, run.group.parameters, count)
+        if report.progress:
+            report.progress(count)
+        _require_physical(run, failed, report)
+    elif run.any_running and count:
         failed = torch.zeros_like(run.group.scenes.scene_index, dtype=torch.bool)
         for _ in range(count):
             state = run.step(state)

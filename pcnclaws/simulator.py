@@ -32,7 +32,7 @@ class Simulator(nn.Module):
         trial = self.integrator(state, stress, scenes)
         if self.plasticity is None:
             return trial
-        return trial._replace(deformation=self.plasticity(trial.deformation, parameters))
+        return ParticleState(*trial[:3], self.plasticity(trial.deformation, parameters))
 
     def runs_compiled(self, state: ParticleState) -> bool:
         """Whether every part of a step from this state is a compiled kernel, whose graph is no more than its inputs."""

@@ -15,7 +15,7 @@ from pcnclaws.laws.materials import Laws, analytic_laws, material_named
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
-from pcnclaws.rollout import differentiable_rollout
+from pcnclaws.rollout import differentiable_rollout, state_after
 from pcnclaws.simulator import Simulator
 from pcnclaws.skips import Skips
 
@@ -134,10 +134,6 @@ def frame_every(steps: int) -> int:
     return math.gcd(steps, FRAME_EVERY)
 
 
-@torch.no_grad()
 def _after(simulator: Simulator, batch: SceneBatch, steps: int) -> ParticleState:
     """The state `steps` steps later."""
-    state = batch.state
-    for _ in range(steps):
-        state = simulator(state, batch.scenes, batch.parameters)
-    return state
+    return state_after(simulator, *batch[:3], steps)

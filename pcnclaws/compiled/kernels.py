@@ -34,20 +34,30 @@ def kernels_serve(
     """
     if configured_backend() == "torch" or state.device.type != "cpu" or state.dtype not in SUFFIXES:
         return False
-    if torch.compiler.is_compiling() or _functorch.maybe_current_level() is not None:
+    if torch.compiler.is_compiling() or in_function_transform():
         return False
     everything = (state, *inputs, *constants, *weights)
     if any(tensor.dtype != state.dtype or tensor.device != state.device for tensor in everything):
         return False  # PyTorch has its say
     if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in constants):
         return False
-    if forward_ad._current_level >= 0 and not _has_forward_mode(everything, (*constants, *weights)):
+    if in_forward_mode() and not _has_forward_mode(everything, (*constants, *weights)):
         return False
     if kernel_library() is None:
         if configured_backend() == "compiled":
             raise UserError("simulation.backend=compiled needs a C++ compiler (g++); accepted here: auto, torch")
         return False
     return True
+
+
+def in_function_transform() -> bool:
+    """Whether a transform of torch.func is at work."""
+    return _functorch.maybe_current_level() is not None
+
+
+def in_forward_mode() -> bool:
+    """Whether forward-mode derivatives may be at work."""
+    return forward_ad._current_level >= 0
 
 
 def require_first_derivative() -> None:
