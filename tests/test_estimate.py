@@ -66,6 +66,16 @@ def test_the_gradient_descent_of_the_paper_comes_near(estimated, tmp_path: Path)
     assert found["history"][-1]["mse"] < 0.05 * found["history"][0]["mse"]
 
 
+def test_gradient_descent_halves_a_step_into_divergence(estimated, tmp_path: Path) -> None:
+    guess = ["initial_guess.youngs_modulus=7e4", "initial_guess.poissons_ratio=0.2", "screening=0", "picture=false"]
+    outcome = estimated("estimator=adam", "estimator.iterations=6", "estimator.learning_rate=6", *guess)
+    assert outcome.status == 0, outcome.err
+    history = json.loads((tmp_path / "new" / "e.json").read_text())["history"]
+    assert np.isfinite([one["mse"] for one in history]).all()
+    # the second one: a whole step would have been one to 20 MPa
+    assert 7e4 < history[1]["values"][0] < 1.5e7
+
+
 def test_an_interrupted_search_goes_on_where_it_was(estimated, tmp_path: Path, monkeypatch) -> None:
     guess = ["initial_guess.youngs_modulus=4e4", "screening=0", "picture=false"]
     assert estimated(*guess, "output=whole.json").status == 0

@@ -60,6 +60,11 @@ def in_forward_mode() -> bool:
     return forward_ad._current_level >= 0
 
 
+def carries_rates(tensors: Sequence[Tensor]) -> bool:
+    """Whether one of the tensors carries a forward-mode derivative now."""
+    return in_forward_mode() and any(forward_ad.unpack_dual(tensor).tangent is not None for tensor in tensors)
+
+
 def require_first_derivative() -> None:
     """Refuses, in a backward pass, to be differentiated again, which would be wrong without a word."""
     if torch.is_grad_enabled():

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pcnclaws.compiled.kernels import address, addresses, call, require_first_derivative
+from pcnclaws.compiled.kernels import address, addresses, call, carries_rates, require_first_derivative
 
 # in the order of `with_law` in source/kernels.cpp
 LAWS = (
@@ -54,7 +54,8 @@ def isotropic_law(law: str, deformation: Tensor, parameters: Tensor, weights: Se
     parameters   what source/laws.hpp names for the law, then further inputs of its network, (rows, particles)
     weights      of a network with two hidden layers: three matrices (to, from), then three biases (to, 1)
     """
-    return _Law.apply(LAWS.index(law), deformation, parameters, *weights)
+    tensors = (deformation, parameters, *weights)
+    return _Law.apply(LAWS.index(law), carries_rates(tensors), *tensors)
 
 
 def _described(deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> tuple[_LawInput, Any]:
@@ -75,13 +76,16 @@ def _described(deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor
 
 
 class _Law(torch.autograd.Function):
+    """later: the kernel of the rates computes the result, too, and jvp, which PyTorch calls next, fills it in."""
+
     @staticmethod
-    def forward(ctx: Any, law: int, *tensors: Tensor) -> Tensor:
+    def forward(ctx: Any, law: int, later: bool, *tensors: Tensor) -> Tensor:
         deformation, parameters, *weights = (tensor.contiguous() for tensor in tensors)
         result = torch.empty_like(deformation)
-        law_input, _kept = _described(deformation, parameters, weights)
-        call("law_forward", deformation.dtype, law, ctypes.byref(law_input), address(result))
-        ctx.law = law
+        if not later:
+            law_input, _kept = _described(deformation, parameters, weights)
+            call("law_forward", deformation.dtype, law, ctypes.byref(law_input), address(result))
+        ctx.law, ctx.result = law, result.detach() if later else None
         ctx.save_for_backward(deformation, parameters, *weights)
         ctx.save_for_forward(deformation, parameters, *weights)
         return result
@@ -94,8 +98,8 @@ class _Law(torch.autograd.Function):
         deformation, parameters, *weights = ctx.saved_tensors
         incoming = incoming.contiguous()
         gradient = torch.empty_like(deformation)
-        of_parameters = torch.empty_like(parameters) if ctx.needs_input_grad[2] else None
-        of_weights = [torch.empty_like(weight) for weight in weights] if any(ctx.needs_input_grad[3:]) else []
+        of_parameters = torch.empty_like(parameters) if ctx.needs_input_grad[3] else None
+        of_weights = [torch.empty_like(weight) for weight in weights] if any(ctx.needs_input_grad[4:]) else []
         law_input, _kept = _described(deformation, parameters, weights)
         call(
             "law_adjoint",
@@ -107,16 +111,16 @@ class _Law(torch.autograd.Function):
             address(of_parameters),
             addresses(*of_weights) if of_weights else None,
         )
-        return (None, gradient, of_parameters, *(of_weights or [None] * len(weights)))
+        return (None, None, gradient, of_parameters, *(of_weights or [None] * len(weights)))
 
     @staticmethod
     def jvp(ctx: Any, *rates: Tensor | None) -> Tensor:  # pyright: ignore[reportIncompatibleMethodOverride]
         deformation, parameters, *weights = ctx.saved_tensors
         of_deformation, of_parameters = (
             torch.zeros_like(field) if rate is None else rate.contiguous()
-            for field, rate in zip((deformation, parameters), rates[1:3], strict=True)
+            for field, rate in zip((deformation, parameters), rates[2:4], strict=True)
         )
-        result = torch.empty_like(deformation)
+        result_rate = torch.empty_like(deformation)
         law_input, _kept = _described(deformation, parameters, weights)
         call(
             "law_rates",
@@ -125,6 +129,7 @@ class _Law(torch.autograd.Function):
             ctypes.byref(law_input),
             address(of_deformation),
             address(of_parameters),
-            address(result),
+            address(ctx.result),
+            address(result_rate),
         )
-        return result
+        return result_rate

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pcnclaws.compiled.kernels import addresses, call, require_first_derivative
+from pcnclaws.compiled.kernels import addresses, call, carries_rates, require_first_derivative
 
 MoreTensors = tuple[Tensor | None, ...]
 
@@ -63,7 +63,7 @@ def step(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor
     if any(field.shape[-1] != particles for field in (scene, *state)):
         raise ValueError("the fields of a state and scene_index need the same number of particles")
     bodies = (scene.long(), mass.expand(particles), volume.expand(particles), gravity)
-    return _Step.apply(settings, *bodies, *state)
+    return _Step.apply(settings, carries_rates(state), *bodies, *state)
 
 
 @cache
@@ -84,12 +84,15 @@ def _contiguous(tensors: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
 
 
 class _Step(torch.autograd.Function):
+    """later: the kernel of the rates computes the state, too, and jvp, which PyTorch calls next, fills it in."""
+
     @staticmethod
-    def forward(ctx: Any, settings: StepSettings, *tensors: Tensor) -> tuple[Tensor, ...]:
+    def forward(ctx: Any, settings: StepSettings, later: bool, *tensors: Tensor) -> tuple[Tensor, ...]:
         bodies, state = _contiguous(tensors[:4]), _contiguous(tensors[4:])
         after = tuple(torch.empty_like(field) for field in state[:4])
-        _call("step_forward", settings, bodies, state, after)
-        ctx.settings = settings
+        if not later:
+            _call("step_forward", settings, bodies, state, after)
+        ctx.settings, ctx.after = settings, tuple(field.detach() for field in after) if later else ()
         ctx.save_for_backward(*bodies, *state, after[1], after[2])
         ctx.save_for_forward(*bodies, *state)
         return after
@@ -105,14 +108,14 @@ class _Step(torch.autograd.Function):
         gradient = tuple(torch.empty_like(field) for field in state)
         after = (velocity, velocity, affine)  # the kernel reads the second and the third
         _call("step_adjoint", ctx.settings, bodies, state, after, incoming, gradient)
-        return (None, None, None, None, None, *gradient)
+        return (None, None, None, None, None, None, *gradient)
 
     @staticmethod
     def jvp(ctx: Any, *rates: Tensor | None) -> tuple[Tensor, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
         saved = ctx.saved_tensors
         bodies, state = saved[:4], saved[4:9]
-        given = zip(state, rates[5:], strict=True)
+        given = zip(state, rates[6:], strict=True)
         before = tuple(torch.zeros_like(field) if rate is None else rate.contiguous() for field, rate in given)
-        after, after_rates = (tuple(torch.empty_like(field) for field in state[:4]) for _ in range(2))
-        _call("step_rates", ctx.settings, bodies, state, before, after, after_rates)
+        after_rates = tuple(torch.empty_like(field) for field in state[:4])
+        _call("step_rates", ctx.settings, bodies, state, before, ctx.after, after_rates)
         return after_rates

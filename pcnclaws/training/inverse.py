@@ -16,6 +16,8 @@ from pcnclaws.estimation.problem import EstimationProblem, Linearisation
 ESTIMATORS = ("gauss_newton", "adam", "sgd")
 # The optimiser sees the loss times this: squared metres are tiny numbers.
 LOSS_SCALE = 1e4
+# A step of gradient descent that makes the simulation diverge is halved so often, and then given up.
+MOST_HALVINGS = 8
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,8 @@ class InverseModule(LightningModule):
         self.search = LevenbergMarquardt()
         self.history: list[tuple[list[float], float]] = []
         self._at: Linearisation | None = None
+        # the last coordinates of gradient descent whose simulation did not diverge
+        self._good: Tensor | None = None
 
     @property
     def u(self) -> Float[np.ndarray, " unknowns"]:
@@ -114,13 +118,19 @@ class InverseModule(LightningModule):
 
     def _differentiated(self) -> Tensor:
         loss = self.problem.loss(self.coordinates)
+        for _ in range(MOST_HALVINGS):
+            if bool(torch.isfinite(loss)) or self._good is None:
+                break
+            with torch.no_grad():
+                self.coordinates.lerp_(self._good, 0.5)
+            loss = self.problem.loss(self.coordinates)
         if not bool(torch.isfinite(loss)):
             raise SimulationDiverged(
                 f"the simulation diverges at iteration {len(self.history)}; lower estimator.learning_rate or choose "
                 "estimator=gauss_newton"
             )
         self._note(self.u, float(loss.detach()))
-        self._at = None
+        self._at, self._good = None, self.coordinates.detach().clone()
         return LOSS_SCALE * loss
 
     def _note(self, u: Float[np.ndarray, " unknowns"], mse: float) -> None:

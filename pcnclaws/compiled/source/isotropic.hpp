@@ -264,7 +264,7 @@ template <class T, class Law> struct LawBlock {
                              load(parameter_rate + k * in.particles, at, end));
         }
     }
-    void rates_second(int group, const T* parameter_rate, const Rates& r, T* result) {
+    void rates_second(int group, const T* parameter_rate, const Rates& r, T* result, T* result_rate) {
         const Principal& axes = principal[group];
         const int64_t at = begin + group * L;
         Dual<1> y[3];
@@ -282,6 +282,7 @@ template <class T, class Law> struct LawBlock {
         });
         V plain[3], value[3], off[3][3], change[3][3];
         for (int k = 0; k < 3; k++) plain[k] = y[k].value;
+        leave(group, plain, result);
         eigenvalues(plain, value);
         differences(group, value, off);
         for (int i = 0; i < 3; i++)
@@ -302,7 +303,7 @@ template <class T, class Law> struct LawBlock {
             for (int j = 0; j < 3; j++) {
                 V sum{};
                 for (int k = 0; k < 3; k++) sum += axes.q[i][k] * turned[k][j];
-                store(result + (3 * i + j) * in.particles, at, end, sum);
+                store(result_rate + (3 * i + j) * in.particles, at, end, sum);
             }
     }
 };
@@ -376,14 +377,15 @@ void law_adjoint(const LawInput<T>& in, const T* incoming, T* gradient, T* param
 }
 
 template <class T, class Law>
-void law_rates(const LawInput<T>& in, const T* deformation_rate, const T* parameter_rate, T* result, int threads) {
+void law_rates(const LawInput<T>& in, const T* deformation_rate, const T* parameter_rate, T* result, T* result_rate,
+               int threads) {
     for_each_block<true, T, Law>(in, threads, [&](LawBlock<T, Law>& block, int64_t) {
         typename LawBlock<T, Law>::Rates rates[GROUPS];
         for (int group = 0; group < block.groups(); group++)
             block.rates_first(group, deformation_rate, parameter_rate, rates[group]);
         if constexpr (LawBlock<T, Law>::NETWORK) block.network->rates();
         for (int group = 0; group < block.groups(); group++)
-            block.rates_second(group, parameter_rate, rates[group], result);
+            block.rates_second(group, parameter_rate, rates[group], result, result_rate);
     });
 }
 

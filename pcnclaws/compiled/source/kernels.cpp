@@ -88,9 +88,10 @@ KERNEL(law_adjoint)
 }
 
 KERNEL(law_rates)
-(int law, const LawInput<T>* in, const T* deformation_rate, const T* parameter_rate, T* result, int threads) {
+(int law, const LawInput<T>* in, const T* deformation_rate, const T* parameter_rate, T* result, T* result_rate,
+ int threads) {
     return with_law(law, *in, [&](auto which) {
-        law_rates<T, decltype(which)>(*in, deformation_rate, parameter_rate, result, threads);
+        law_rates<T, decltype(which)>(*in, deformation_rate, parameter_rate, result, result_rate, threads);
     });
 }
 
