@@ -138,7 +138,7 @@ def output_file(config: DictConfig) -> Path:
         raise UserError(f"output={path} is a folder; accepted: the path of a file")
     if path.exists() and not path.is_file():
         raise UserError(f"output={path} is not a regular file; accepted: the path of a file")
-    for option in ("trajectories", "scene.particles", "observation.file"):
+    for option in ("trajectories", "scene.particles", "observation.file", "file"):
         source = OmegaConf.select(config, option)
         if source is not None and path.resolve() == Path(str(source)).resolve():
             raise UserError(f"output={path} is the file of {option}, which would be lost; accepted: another path")

@@ -1,6 +1,5 @@
 """Estimates physical parameters from motion: python -m pcnclaws.estimate material=sand observation.file=x.h5."""
 
-import logging
 import shutil
 import time
 from pathlib import Path
@@ -38,8 +37,6 @@ from pcnclaws.training.fit import quiet_lightning
 from pcnclaws.training.fit_inverse import fit_inverse
 from pcnclaws.training.inverse import InverseModule
 
-log = logging.getLogger(__name__)
-
 PLAIN_WIDTH = 120
 # Options that do not change what a search does: an interrupted one goes on under others.
 FREE_OPTIONS = ("output", "overwrite", "picture", "trajectory", "threads", "paths")
@@ -73,7 +70,7 @@ def estimate(config: DictConfig) -> None:
     fixed = {name: float(values[0]) for name, values in unknowns.fixed.items()}
     console.print(result_table(title, guessed, found, truth, fixed))
     for line in [*verdicts(found), *_outside(config, material, unknowns, module)]:
-        console.print(line)
+        console.print(line, markup=False)
     mse = module.linearisation().mse
     values = {
         "material": material.name,
@@ -129,9 +126,7 @@ def _extras(
     observation, problem, u = module.problem.observation, module.problem, module.u
     stem = output.with_suffix("") if output.suffix else output
     written = []
-    if config.trajectory and config.vary != "uniform":
-        log.warning("vary=%s: no trajectory is written, whose file has one value of each parameter", config.vary)
-    elif config.trajectory:
+    if config.trajectory:
         path = stem.with_name(f"{stem.name}_simulated.h5")
         _write_trajectory(path, problem, u, laws, precision_from(config))
         written.append(path)

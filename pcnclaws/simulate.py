@@ -20,7 +20,7 @@ from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import SceneStart, simulate_records
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.progress import progress_bar
-from pcnclaws.rendering.pictures import trajectory_picture
+from pcnclaws.rendering.pictures import picture_path, trajectory_picture
 from pcnclaws.runs import laws_for
 from pcnclaws.time_step import check_time_step, largest_speed, time_step_limit
 
@@ -36,11 +36,6 @@ def simulate(config: DictConfig) -> None:
     print(_summary(record, output))
     if picture:
         print(f"wrote {picture}")
-
-
-def picture_path(output: Path) -> Path:
-    """Where the picture of a trajectory file goes: beside it, under its name."""
-    return output.with_name(f"{output.name}.png" if output.suffix == ".png" else f"{output.stem}.png")
 
 
 def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:

@@ -25,7 +25,7 @@ from pcnclaws.time_step import largest_speed, scene_cfl
 MAKEFILES = ("Makefile", "accuracy.mk", "estimation.mk", "baselines.mk")
 
 ENTRIES = [path.stem for path in sorted(conf_folder().glob("*.yaml"))]
-OF_ONE_MATERIAL = [entry for entry in ENTRIES if entry != "benchmark"]
+OF_ONE_MATERIAL = [entry for entry in ENTRIES if entry not in ("benchmark", "observe")]
 PROBLEMS = [path.stem for path in sorted((conf_folder() / "problem").glob("*.yaml"))]
 EXPERIMENTS = [path.stem for path in sorted((conf_folder() / "experiment").glob("*.yaml"))]
 BASELINES = ("nclaws", "spline", "gns", "identified")

@@ -8,6 +8,8 @@ import pytest
 from pcnclaws.errors import UserError
 from pcnclaws.results_page.estimation import estimation_page
 
+NU = "\N{GREEK SMALL LETTER NU}"
+
 
 def document(estimate: float | None, interval: tuple[float, float] | None) -> str:
     modulus = {
@@ -34,9 +36,32 @@ def test_every_way_is_a_line_beside_truth_guess_and_paper(tmp_path: Path) -> Non
         "| the paper's | 184 | 0.2 |  |  |  |",
         "| analytic law | not told | 0.128 (0.12 to 0.14) | 1.0e-09 | 6 | 12 |",
         "| neural law | 178.2 (175 to 179) | 0.128 (0.12 to 0.14) | 1.0e-09 | 6 | 12 |",
-        "| neural law | 1 of 2 | E 1 %; \N{GREEK SMALL LETTER NU} 0.002 |",
+        f"| neural law | 1 of 2 | E 1 %; {NU} 0.002 | E 2.2 %; {NU} 0.02 | 12 |",
+        "| analytic law | 1 of 1, 1 not told |",
     ):
         assert line in page
+
+
+def test_markers_that_know_no_truth_are_judged_by_what_the_others_know(tmp_path: Path) -> None:
+    folder = tmp_path / "elasticity_1"
+    folder.mkdir()
+    markers = json.loads(document(1.79e5, (1.75e5, 1.85e5)))
+    for one in markers["parameters"].values():
+        del one["truth"]
+    (folder / "markers.json").write_text(json.dumps(markers))
+    with pytest.raises(UserError, match="elasticity_1: none of its results holds the truth"):
+        estimation_page(tmp_path)
+    (folder / "analytic.json").write_text(document(1.8e5, (1.79e5, 1.81e5)))
+    assert "| analytic law, 100 markers | 2 of 2 |" in estimation_page(tmp_path)
+
+
+def test_the_coverage_of_random_objects_is_counted(tmp_path: Path) -> None:
+    folder = tmp_path / "elasticity_1"
+    folder.mkdir()
+    (folder / "analytic.json").write_text(document(1.8e5, (1.79e5, 1.81e5)))
+    values = {"material": "sand", "projected": [[1e-5, 2e-5, 3e-5]] * 2, "covered_before": 5 / 6}
+    (tmp_path / "coverage_sand.json").write_text(json.dumps(values))
+    assert "| sand | 2 | 5 of 6 |" in estimation_page(tmp_path)
 
 
 def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
-"""Markers on a body: which particles each of them follows."""
+"""Markers on a body: which particles each of them follows, and which particles could carry one."""
 
 import numpy as np
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 from scipy.spatial import KDTree
 
 from pcnclaws.errors import UserError
@@ -34,6 +34,17 @@ def followed_particles(
         )
     weight = np.array([_weights(m, position[p], d) for m, p, d in zip(marker, particle, distance, strict=True)])
     return particle.astype(np.int64), weight
+
+
+def surface_particles(position: Float[np.ndarray, "particles 3"]) -> Bool[np.ndarray, " particles"]:
+    """Which particles of a lattice lie at the surface: those that lack one of the 26 neighbours of the inner ones.
+
+    position  at the start [m]
+    """
+    tree = KDTree(position)
+    spacing = float(np.median(tree.query(position, k=min(2, len(position)))[0].reshape(len(position), -1)[:, -1]))
+    neighbours = tree.query_ball_point(position, 1.8 * spacing, return_length=True)
+    return np.asarray(neighbours < 27)  # itself among them
 
 
 def _weights(marker: np.ndarray, around: np.ndarray, distance: np.ndarray) -> np.ndarray:

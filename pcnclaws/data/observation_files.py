@@ -5,12 +5,13 @@ time, marker, x, y, z        a CSV file with this header, in seconds and metres;
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from pcnclaws.data.atomic import replaced_file
 from pcnclaws.data.hdf5 import read_scenes, scene_names
 from pcnclaws.data.markers import followed_particles
 from pcnclaws.data.observation import Observation
@@ -103,6 +104,22 @@ def from_table(
         velocity,
         {},
     )
+
+
+def write_table(
+    path: str | Path,
+    time: Float[np.ndarray, " frames"],
+    names: Sequence[str],
+    position: Float[np.ndarray, "frames markers 3"],
+) -> None:
+    """Writes markers as a CSV file that from_table reads; NaN where one was not seen."""
+    with replaced_file(path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow(COLUMNS)
+        for t, frame in zip(time.tolist(), position.tolist(), strict=True):
+            for name, coordinates in zip(names, frame, strict=True):
+                cells = ("" if math.isnan(x) else f"{x:.7g}" for x in coordinates)
+                rows.writerow((f"{t:.9g}", name, *cells))
 
 
 def _read_table(path: Path) -> tuple[np.ndarray, list[str], Float[np.ndarray, "frames markers 3"]]:

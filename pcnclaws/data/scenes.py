@@ -5,7 +5,7 @@ The only place where one becomes the other.
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -38,6 +38,8 @@ class SceneStart:
     volume       initial volume [m^3], (particles,)
     affine       APIC velocity gradient C [1/s], (particles, 3, 3), None for 0
     deformation  elastic deformation gradient F [-], (particles, 3, 3), None for I
+    varying      physical parameters that differ between the particles, by name, each (particles,); what is recorded
+                 of the scene does not hold them
     """
 
     name: str
@@ -49,6 +51,12 @@ class SceneStart:
     volume: Float[np.ndarray, " particles"]
     affine: Float[np.ndarray, "particles 3 3"] | None = None
     deformation: Float[np.ndarray, "particles 3 3"] | None = None
+    varying: Mapping[str, Float[np.ndarray, " particles"]] = field(default_factory=dict)
+
+    def of_particles(self) -> dict[str, Float[np.ndarray, " particles"]]:
+        """All physical parameters, of each particle, by name."""
+        same = {name: np.full(len(self.position), value) for name, value in self.parameters.items()}
+        return same | dict(self.varying)
 
 
 class SceneBatch(NamedTuple):
@@ -113,8 +121,9 @@ def batch_scenes(
     """
     if not starts or len(group_by_settings(starts)) != 1:
         raise ValueError("a batch needs one or more scenes with the same settings")
-    names = set(starts[0].parameters)
-    if any(set(start.parameters) != names for start in starts):
+    of_particles = [start.of_particles() for start in starts]
+    names = set(of_particles[0])
+    if any(set(values) != names for values in of_particles):
         raise ValueError("the scenes of a batch need the same parameters")
 
     def tensor(values: np.ndarray) -> Tensor:
@@ -133,7 +142,7 @@ def batch_scenes(
     gravity = tensor(np.array([start.settings.gravity for start in starts]).T)
     scene_index = torch.tensor(index, dtype=torch.int64, device=device)
     scenes = Scenes(scene_index, tensor(density * volume), tensor(volume), gravity)
-    parameters = {name: tensor(np.array([start.parameters[name] for start in starts])[index]) for name in sorted(names)}
+    parameters = {name: tensor(np.concatenate([values[name] for values in of_particles])) for name in sorted(names)}
     return SceneBatch(state, scenes, parameters, tuple(start.name for start in starts))
 
 
@@ -221,13 +230,14 @@ def _records(starts: Sequence[SceneStart], batch: SceneBatch, trajectory: Trajec
     )
     records = []
     for start, position, velocity, *full_states in fields:
+        parameters = {name: value for name, value in start.parameters.items() if name not in start.varying}
         at = np.searchsorted(step, keyframe_step)
         records.append(
             SceneRecord(
                 start.name,
                 start.material,
                 start.settings,
-                start.parameters,
+                parameters,
                 step * start.settings.time_step,
                 position,
                 start.volume.astype(np.float32),
@@ -244,8 +254,8 @@ def _shared(settings: SimulationSettings) -> SimulationSettings:
     return replace(settings, gravity=(0.0, 0.0, 0.0), density=1.0)
 
 
-def _matrices_first(starts: Sequence[SceneStart], field: str, missing: np.ndarray) -> np.ndarray:
-    values = [getattr(start, field) for start in starts]
+def _matrices_first(starts: Sequence[SceneStart], name: str, missing: np.ndarray) -> np.ndarray:
+    values = [getattr(start, name) for start in starts]
     filled = [
         np.broadcast_to(missing, (len(start.position), 3, 3)) if value is None else value
         for start, value in zip(starts, values, strict=True)

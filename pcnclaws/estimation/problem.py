@@ -146,17 +146,18 @@ class EstimationProblem:
         return np.swapaxes(found[:, :, 0].numpy(), 1, 2)
 
     def start(self, u: Float[np.ndarray, " unknowns"]) -> SceneStart:
-        """Where the scene starts; with the parameters of the first particle, which are all that the scene can hold."""
+        """Where the scene starts."""
         values, observation = self.unknowns.values(u), self.observation
         parameters = self.unknowns.parameters(values)
         return SceneStart(
             observation.name,
             observation.material,
             observation.settings,
-            {name: float(one[0]) for name, one in parameters.items()},
+            {name: float(one[0]) for name, one in parameters.items() if np.ptp(one) == 0.0},
             observation.position,
             self._start_velocity(values).T.double().numpy(),
             observation.volume,
+            varying={name: one for name, one in parameters.items() if np.ptp(one) > 0.0},
         )
 
     def instability(self, u: Float[np.ndarray, " unknowns"]) -> float:

@@ -24,6 +24,11 @@ ERROR_COLOURS = colormaps["YlOrRd"]
 DPI = 150
 
 
+def picture_path(output: Path) -> Path:
+    """Where the picture of a file of motion goes: beside it, under its name."""
+    return output.with_name(f"{output.name}.png" if output.suffix == ".png" else f"{output.stem}.png")
+
+
 def trajectory_picture(record: SceneRecord, path: Path, times: int = 5) -> Path:
     """One trajectory at `times` evenly spread frames, in a row.
 

@@ -18,6 +18,27 @@ WAYS = {
     "pretrained": "neural law",
     "pretrained_unscreened": "neural law, no screening",
     "adam": "neural law, Adam",
+    "softer": "neural law, no screening, E guessed at a tenth",
+    "stiffer": "neural law, no screening, E guessed tenfold",
+    "markers": "analytic law, 100 markers",
+    "mismatched": "analytic law, 100 markers, other grid and time step",
+}
+# Of the example docs/examples/parts.py.
+TRUTHS = {
+    "several_bodies": {
+        "youngs_modulus[body_0]": 1.0e5,
+        "youngs_modulus[body_1]": 2.5e5,
+        "youngs_modulus[body_2]": 1.6e5,
+        "poissons_ratio[body_0]": 0.30,
+        "poissons_ratio[body_1]": 0.15,
+        "poissons_ratio[body_2]": 0.22,
+    },
+    "graded_body": {
+        "youngs_modulus[low_x]": 0.8e5,
+        "youngs_modulus[high_x]": 3.0e5,
+        "poissons_ratio[low_x]": 0.2,
+        "poissons_ratio[high_x]": 0.2,
+    },
 }
 # By truth: what the paper's estimate was.
 PAPER = {
@@ -52,68 +73,119 @@ def estimation_page(folder: Path) -> str:
     found = {path: read_document(path, "parameters", "estimate") for path in sorted(folder.glob("*/*.json"))}
     if not found:
         raise UserError(f"{folder}: holds no results; accepted: a folder of <object>/<way>.json")
-    objects = sorted({path.parent.name for path in found})
+    by_object: dict[str, dict[str, Document]] = {}
+    for path, values in found.items():
+        by_object.setdefault(path.parent.name, {})[path.stem] = values
+    truths = {name: _truth(name, ways) for name, ways in by_object.items()}
+    paper = [name for name in by_object if name not in TRUTHS]
     parts = [
         "# Estimates",
         INTRODUCTION,
-        *(_object(name, {p.stem: values for p, values in found.items() if p.parent.name == name}) for name in objects),
-        _summary(found),
+        _summary({name: by_object[name] for name in paper}, truths),
+        *_coverage(folder),
+        *(_object(name, by_object[name], truths[name]) for name in [*paper, *(n for n in TRUTHS if n in by_object)]),
     ]
     return "\n\n".join(parts) + "\n"
 
 
-def _object(name: str, ways: Mapping[str, Document]) -> str:
+def _truth(name: str, ways: Mapping[str, Document]) -> Mapping[str, float]:
+    """The true numbers of an object by label: the example's, or what the results hold that know the truth."""
+    if name in TRUTHS:
+        return TRUTHS[name]
+    known = {label: one["truth"] for way in ways.values() for label, one in way["parameters"].items() if "truth" in one}
+    if not known:
+        raise UserError(
+            f"{name}: none of its results holds the truth; accepted: at least one made from a trajectory file"
+        )
+    return known
+
+
+def _object(name: str, ways: Mapping[str, Document], truth: Mapping[str, float]) -> str:
     first = next(iter(ways.values()))["parameters"]
-    names = list(first)
-    lines = [["truth", *(_number(n, first[n]["truth"]) for n in names), "", "", ""]]
-    lines.append(["guess", *(_number(n, first[n]["guess"]) for n in names), "", "", ""])
+    labels = list(first)
+    lines = [["truth", *(_number(label, truth[label]) for label in labels), "", "", ""]]
+    lines.append(["guess", *(_number(label, first[label]["guess"]) for label in labels), "", "", ""])
     if name in PAPER:
-        published = zip(names, PAPER[name], strict=True)
-        lines.append(["the paper's", *(_number(n, value) for n, value in published), "", "", ""])
+        published = zip(labels, PAPER[name], strict=True)
+        lines.append(["the paper's", *(_number(label, value) for label, value in published), "", "", ""])
     for way in (way for way in WAYS if way in ways):
         one = ways[way]
-        cells = (_cell(n, one["parameters"][n]) for n in names)
+        cells = (_cell(label, one["parameters"][label]) for label in labels)
         lines.append([WAYS[way], *cells, f"{one['mse']:.1e}", str(one["iterations"]), f"{one['seconds']:.0f}"])
-    header = ["", *(SYMBOLS[n] for n in names), "MSE [m²]", "iterations", "seconds"]
-    return f"## {name.replace('_', ' ').capitalize()}\n\n{table(header, lines)}"
+    header = ["", *(_symbol(label) for label in labels), "MSE [m²]", "iterations", "seconds"]
+    pictures = f"\n\n![{name}](images/{name}_fit.png)" if name in TRUTHS else ""
+    return f"## {name.replace('_', ' ').capitalize()}\n\n{table(header, lines)}{pictures}"
 
 
-def _summary(found: Mapping[Path, Document]) -> str:
-    """How many intervals hold the truth, and the largest differences, by way."""
+def _summary(by_object: Mapping[str, Mapping[str, Document]], truths: Mapping[str, Mapping[str, float]]) -> str:
+    """By way: how many intervals hold the truth, the largest differences, and the widest intervals."""
     lines = []
     for way, word in WAYS.items():
-        numbers = [one for path, values in found.items() if path.stem == way for one in values["parameters"].values()]
-        known = [one for one in numbers if one["identifiable"]]
+        numbers = [
+            (label, one, truths[name][label])
+            for name, ways in by_object.items()
+            if way in ways
+            for label, one in ways[way]["parameters"].items()
+        ]
+        known = [(label, one, true) for label, one, true in numbers if one["identifiable"]]
         if not known:
             continue
-        held = sum(one["interval_95"][0] <= one["truth"] <= one["interval_95"][1] for one in known)
-        worst = []
+        held = sum(one["interval_95"][0] <= true <= one["interval_95"][1] for _, one, true in known)
+        worst, widest, seconds = [], [], [ways[way]["seconds"] for ways in by_object.values() if way in ways]
         for name, symbol in SYMBOLS.items():
-            of_way = [values["parameters"].get(name) for path, values in found.items() if path.stem == way]
-            errors = [_off(name, one) for one in of_way if one is not None and one["identifiable"]]
-            worst.append(f"{symbol.partition(' ')[0]} {_worst(name, max(errors))}" if errors else "")
-        lines.append([word, f"{held} of {len(known)}", "; ".join(filter(None, worst))])
-    return "## All\n\n" + table(["", "intervals that hold the truth", "largest differences"], lines)
+            of_name = [(one, true) for label, one, true in known if label == name]
+            if of_name:
+                short = symbol.partition(" ")[0]
+                worst.append(
+                    f"{short} {_off(name, max(_relative(name, one['estimate'] - t, t) for one, t in of_name))}"
+                )
+                width = max(_relative(name, one["interval_95"][1] - one["interval_95"][0], t) for one, t in of_name)
+                widest.append(f"{short} {_off(name, width)}")
+        told = f"{held} of {len(known)}" + (
+            f", {len(numbers) - len(known)} not told" if len(known) < len(numbers) else ""
+        )
+        lines.append([word, told, "; ".join(worst), "; ".join(widest), f"{max(seconds):.0f}"])
+    header = ["", "intervals that hold the truth", "largest differences", "widest intervals", "longest [s]"]
+    return "## All\n\n" + table(header, lines)
 
 
-def _off(name: str, one: Document) -> float:
-    difference = abs(one["estimate"] - one["truth"])
-    return difference / one["truth"] if name in THOUSANDS else difference
+def _coverage(folder: Path) -> list[str]:
+    """How many numbers of new objects lie in the intervals of the calibration that ships."""
+    lines = []
+    for path in sorted(folder.glob("coverage_*.json")):
+        values = read_document(path, "covered_before", "calibrate")
+        of_objects = values["projected"]
+        numbers = sum(len(errors) for errors in of_objects)
+        held = round(values["covered_before"] * numbers)
+        lines.append([values["material"], str(len(of_objects)), f"{held} of {numbers}"])
+    if not lines:
+        return []
+    words = "Random objects that are in no data set and not among those of the calibration, with the neural laws:"
+    return [f"## Objects at random\n\n{words}\n\n{table(['', 'objects', 'intervals that hold the truth'], lines)}"]
 
 
-def _worst(name: str, error: float) -> str:
+def _relative(name: str, difference: float, truth: float) -> float:
+    return abs(difference) / truth if name in THOUSANDS else abs(difference)
+
+
+def _off(name: str, error: float) -> str:
     return f"{100.0 * error:.2g} %" if name in THOUSANDS else f"{error:.2g}" + ("°" if name == "friction_angle" else "")
 
 
-def _cell(name: str, one: Document) -> str:
+def _cell(label: str, one: Document) -> str:
     if not one["identifiable"]:
         return "not told"
-    low, high = (_number(name, end) for end in one["interval_95"])
-    return f"{_number(name, one['estimate'])} ({low} to {high})"
+    low, high = (_number(label, end) for end in one["interval_95"])
+    return f"{_number(label, one['estimate'])} ({low} to {high})"
 
 
-def _number(name: str, value: float) -> str:
-    return f"{value / 1e3:.5g}" if name in THOUSANDS else f"{value:.4g}"
+def _symbol(label: str) -> str:
+    name, _, part = label.partition("[")
+    return f"{SYMBOLS[name]} {part.rstrip(']').replace('_', ' ')}".strip()
+
+
+def _number(label: str, value: float) -> str:
+    return f"{value / 1e3:.5g}" if label.partition("[")[0] in THOUSANDS else f"{value:.4g}"
 
 
 def main() -> None:

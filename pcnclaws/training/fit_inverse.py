@@ -68,4 +68,4 @@ class _Lines(Callback):
         values, mse = module.history[-1]
         named = zip(module.problem.unknowns.sought, values, strict=True)
         words = "  ".join(f"{unknown.label} {value:.4g}" for unknown, value in named if not unknown.is_motion)
-        self.console.print(f"iteration {count}/{module.estimator.iterations}  {words}  MSE {mse:.2e} m²")
+        self.console.print(f"iteration {count}/{module.estimator.iterations}  {words}  MSE {mse:.2e} m²", markup=False)
