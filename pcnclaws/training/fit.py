@@ -2,6 +2,8 @@
 
 import logging
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,13 +73,25 @@ def fit(
         # a batch is made in a millisecond: worker processes would cost more than they save
         warnings.filterwarnings("ignore", message=".*does not have many workers.*")
         warnings.filterwarnings("ignore", message=".*treespec, LeafSpec.*")  # Lightning's own business
-        trainer.fit(module, datamodule=data, ckpt_path=checkpoint, weights_only=True)
+        with interruptible():
+            trainer.fit(module, datamodule=data, ckpt_path=checkpoint, weights_only=True)
     if not best.weights:
         raise SimulationDiverged(
             "training failed: every check of the run diverged; "
             "lower training.learning_rate or train for more iterations"
         )
     return FitResult(history, best, module.skipped)
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Lets Ctrl-C through, which Lightning turns into an exit of the process without a word of what happened."""
+    try:
+        yield
+    except SystemExit as end:
+        if isinstance(end.__context__, KeyboardInterrupt):
+            raise end.__context__ from None
+        raise
 
 
 def _untrained(module: WatchedModule, data: CheckedDataModule) -> FitResult:

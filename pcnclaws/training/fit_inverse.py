@@ -13,6 +13,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from pcnclaws.training.callbacks import CheckpointEachCheck
 from pcnclaws.training.checkpoints import AtomicCheckpointIO, newest_checkpoint
+from pcnclaws.training.fit import interruptible
 from pcnclaws.training.inverse import InverseModule
 
 log = logging.getLogger(__name__)
@@ -40,7 +41,8 @@ def fit_inverse(module: InverseModule, folder: Path, console: Console) -> None:
         warnings.filterwarnings("ignore", message=".*does not have many workers.*")
         warnings.filterwarnings("ignore", message=".*configure_optimizers. returned .None.*")
         warnings.filterwarnings("ignore", message=".*treespec, LeafSpec.*")
-        trainer.fit(module, DataLoader(_Once()), ckpt_path=newest_checkpoint(checkpoints), weights_only=True)
+        with interruptible():
+            trainer.fit(module, DataLoader(_Once()), ckpt_path=newest_checkpoint(checkpoints), weights_only=True)
 
 
 class _Once(Dataset[int]):
