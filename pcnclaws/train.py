@@ -98,11 +98,17 @@ def _notes(config: DictConfig, scenes: TrainingScenes, fitted: FitResult) -> dic
         "positions_only": scenes.start == "initial",
         "training_scenes": len(scenes.training),
         "ranges": {name: list(span) for name, span in scenes.ranges.items()},
-        "iterations": config.training.iterations,
+        "iterations": _iterations(config, fitted),
         "best_iteration": fitted.best.iteration,
         "validation_mse": fitted.best.mse,
         "skipped_iterations": fitted.skipped,
     }
+
+
+def _iterations(config: DictConfig, fitted: FitResult) -> int:
+    """How many were done: all of them, unless the clock ended the training."""
+    by_clock = config.training.seconds is not None and fitted.history.check_iteration
+    return fitted.history.check_iteration[-1] if by_clock else config.training.iterations
 
 
 def _start_in_words(model: Model, start: str) -> tuple[str, ...]:
