@@ -159,7 +159,9 @@ def body_from(config: DictConfig) -> PointCloud:
     scene = config.scene
     centre = list(scene.centre)
     if scene.particles is not None and scene.mesh is not None:
-        raise UserError(f"scene.mesh={scene.mesh} and scene.particles={scene.particles} are two bodies; accepted: one")
+        raise UserError(
+            f"scene.mesh={scene.mesh} and scene.particles={scene.particles} are two bodies; accepted: one of them"
+        )
     if scene.particles is not None:
         body, centre = read_point_file(str(scene.particles), scene.name), None
     elif scene.mesh is not None:
