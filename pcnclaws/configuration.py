@@ -12,7 +12,7 @@ from pcnclaws.data.observation import Observation
 from pcnclaws.data.observation_files import from_record, from_table, observed_record
 from pcnclaws.data.placement import require_inside
 from pcnclaws.data.scenes import SceneStart
-from pcnclaws.data.shapes import PointCloud, particles, read_point_file, spin_velocity
+from pcnclaws.data.shapes import PointCloud, mesh_particles, particles, read_point_file, spin_velocity
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.parameters import validate_parameters
@@ -74,7 +74,8 @@ def start_from(config: DictConfig) -> SceneStart:
     if config.simulation.time_step == "auto":
         speed = largest_speed(body.position, body.velocity, settings.gravity, settings.wall_distance)
         settings = settings_from(config, automatic_time_step(settings, parameters, speed))
-    name = config.scene.name or (Path(config.scene.particles).stem if config.scene.particles else config.scene.shape)
+    file = config.scene.particles or config.scene.mesh
+    name = config.scene.name or (Path(str(file)).stem if file else config.scene.shape)
     return SceneStart(str(name), material.name, settings, parameters, *body)
 
 
@@ -88,7 +89,9 @@ def observation_from(config: DictConfig, material: Material) -> Observation:
     body = _observed_body(config)
     if path.lower().endswith(".csv"):
         if body is None:
-            raise UserError(f"{path}: markers need a body; accepted: scene.shape=cube, ..., or scene.particles=FILE")
+            raise UserError(
+                f"{path}: markers need a body; accepted: scene.shape=cube, ..., scene.mesh=FILE or scene.particles=FILE"
+            )
         settings = _observed_settings(config, SimulationSettings())
         known = config.scene.velocity is not None or config.scene.particles is not None
         observation = from_table(path, material.name, settings, body, known)
@@ -138,7 +141,7 @@ def output_file(config: DictConfig) -> Path:
         raise UserError(f"output={path} is a folder; accepted: the path of a file")
     if path.exists() and not path.is_file():
         raise UserError(f"output={path} is not a regular file; accepted: the path of a file")
-    for option in ("trajectories", "scene.particles", "observation.file", "file"):
+    for option in ("trajectories", "scene.particles", "scene.mesh", "observation.file", "file"):
         source = OmegaConf.select(config, option)
         if source is not None and path.resolve() == Path(str(source)).resolve():
             raise UserError(f"output={path} is the file of {option}, which would be lost; accepted: another path")
@@ -149,13 +152,22 @@ def output_file(config: DictConfig) -> Path:
 
 
 def body_from(config: DictConfig) -> PointCloud:
-    """The particles of the scene with their velocities; those of a file keep the file's under the added ones."""
+    """The particles of the scene with their velocities; those of a file keep the file's under the added ones.
+
+    A point file or a mesh goes before scene.shape, which has a default; there is only one of the two.
+    """
     scene = config.scene
-    if scene.particles is None:
-        body = particles(scene.shape, list(scene.centre), scene.side, scene.particles_per_edge)
-        centre = list(scene.centre)
-    else:
+    centre = list(scene.centre)
+    if scene.particles is not None and scene.mesh is not None:
+        raise UserError(
+            f"scene.mesh={scene.mesh} and scene.particles={scene.particles} are two bodies; accepted: one of them"
+        )
+    if scene.particles is not None:
         body, centre = read_point_file(str(scene.particles), scene.name), None
+    elif scene.mesh is not None:
+        body = mesh_particles(str(scene.mesh), centre, scene.side, scene.particles_per_edge)
+    else:
+        body = particles(scene.shape, centre, scene.side, scene.particles_per_edge)
     velocity = spin_velocity(body.position, body.velocity + list(scene.velocity), list(scene.spin), centre)
     return body._replace(velocity=velocity)
 
@@ -164,13 +176,14 @@ def _where(config: DictConfig) -> str:
     scene = config.scene
     if scene.particles is not None:
         return f"scene.particles={scene.particles}"
-    return f"scene.shape={scene.shape} scene.centre={list(scene.centre)} scene.side={scene.side}"
+    body = f"scene.shape={scene.shape}" if scene.mesh is None else f"scene.mesh={scene.mesh}"
+    return f"{body} scene.centre={list(scene.centre)} scene.side={scene.side}"
 
 
 def _observed_body(config: DictConfig) -> PointCloud | None:
     """The body of `scene.*`; None where it says nothing."""
     scene = config.scene
-    if scene.shape is None and scene.particles is None:
+    if scene.shape is None and scene.particles is None and scene.mesh is None:
         return None
     known = scene.velocity is not None
     given = {"velocity": scene.velocity or [0.0, 0.0, 0.0], "spin": (scene.spin if known else None) or [0.0, 0.0, 0.0]}

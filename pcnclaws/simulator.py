@@ -32,7 +32,8 @@ class Simulator(nn.Module):
         trial = self.integrator(state, stress, scenes)
         if self.plasticity is None:
             return trial
-        return ParticleState(*trial[:3], self.plasticity(trial.deformation, parameters))
+        after_flow = self.plasticity(trial.deformation, parameters)
+        return ParticleState(trial.position, trial.velocity, trial.affine, after_flow)
 
     def runs_compiled(self, state: ParticleState) -> bool:
         """Whether every part of a step from this state is a compiled kernel, whose graph is no more than its inputs."""

@@ -1,4 +1,4 @@
-"""Bodies as particles: a named shape, or whatever a point file holds. Particle-first, double precision."""
+"""Bodies as particles: a named shape, a mesh, or whatever a point file holds. Particle-first, double precision."""
 
 import math
 import zipfile
@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from pcnclaws.data.bodies import BODIES, FEWEST_PER_EDGE, filled_body, volume_fraction
 from pcnclaws.data.hdf5 import read_scenes, scene_names
+from pcnclaws.data.meshes import filled_mesh
 from pcnclaws.data.records import LARGEST_VOLUME
 from pcnclaws.errors import UserError, unknown_name
 
@@ -53,10 +54,25 @@ def particles(
     raises  UserError
     """
     _check_shape(shape, centre, side, particles_per_edge)
-    lattice, fraction = _unit_lattice(shape, particles_per_edge)
-    count = len(lattice)
-    position = np.asarray(centre, dtype=np.float64) + side * lattice
-    return PointCloud(position, np.zeros_like(position), np.full(count, fraction * side**3 / count))
+    return _placed(*_unit_lattice(shape, particles_per_edge), centre, side)
+
+
+def mesh_particles(
+    path: str | Path,
+    centre: Sequence[float | int] = (0.5, 0.5, 0.5),
+    side: float | int = 0.5,
+    particles_per_edge: int = 10,
+) -> PointCloud:
+    """The body inside of a watertight surface mesh at rest: particles of equal volume on the cube's lattice.
+
+    path                of a file that trimesh reads, in any unit of length
+    centre              of the mesh's bounding box [m]
+    side                longest edge of the bounding box [m]
+    particles_per_edge  along the longest edge, its ends included
+    raises              UserError
+    """
+    _check_lattice(centre, side, particles_per_edge)
+    return _placed(*filled_mesh(path, particles_per_edge), centre, side)
 
 
 def spin_velocity(
@@ -100,9 +116,28 @@ def _unit_lattice(shape: str, per_edge: int) -> tuple[Float[np.ndarray, "particl
     return lattice[np.square(lattice).sum(1) <= 0.25 * (1.0 + 1e-9)], math.pi / 6.0
 
 
+def _placed(
+    lattice: Float[np.ndarray, "particles 3"], fraction: float, centre: Sequence[float | int], side: float | int
+) -> PointCloud:
+    """The body of a lattice about the origin and its volume, both in units of a side that becomes `side` [m]."""
+    count = len(lattice)
+    position = np.asarray(centre, dtype=np.float64) + side * lattice
+    return PointCloud(position, np.zeros_like(position), np.full(count, fraction * side**3 / count))
+
+
 def _check_shape(shape: str, centre: Sequence[float | int], side: float | int, particles_per_edge: int) -> None:
     if shape not in SHAPES:
         raise unknown_name("scene.shape", shape, SHAPES)
+    _check_lattice(centre, side, particles_per_edge)
+    fewest = FEWEST_PER_EDGE if shape in BODIES else 3 if shape == "sphere" else 2
+    if particles_per_edge < fewest:
+        raise UserError(
+            f"scene.particles_per_edge={particles_per_edge} is too coarse for scene.shape={shape}; "
+            f"accepted: from {fewest}"
+        )
+
+
+def _check_lattice(centre: Sequence[float | int], side: float | int, particles_per_edge: int) -> None:
     if len(centre) != 3 or not np.isfinite(np.asarray(centre, dtype=np.float64)).all():
         raise UserError(f"scene.centre={list(centre)} is not accepted; accepted: three finite numbers [m]")
     if not (math.isfinite(side) and 0.0 < side <= 1.0):
@@ -111,12 +146,6 @@ def _check_shape(shape: str, centre: Sequence[float | int], side: float | int, p
         raise UserError(
             f"scene.particles_per_edge={particles_per_edge} is not accepted; "
             f"accepted: a whole number from 2 to {MAXIMUM_PARTICLES_PER_EDGE}"
-        )
-    fewest = FEWEST_PER_EDGE if shape in BODIES else 3 if shape == "sphere" else 2
-    if particles_per_edge < fewest:
-        raise UserError(
-            f"scene.particles_per_edge={particles_per_edge} is too coarse for scene.shape={shape}; "
-            f"accepted: from {fewest}"
         )
 
 
