@@ -84,7 +84,7 @@ def random_walk(random: np.random.Generator, deviation: float, shape: tuple[int,
     """Noise on positions [m] whose velocity is a random walk, as that of a rollout is; shape (frames, particles, 3).
 
     deviation  standard deviation of the velocity of the last frame [m per frame]
-    source     Sanchez-Gonzalez et al. 2020, section 4.2 and appendix B
+    source     Sanchez-Gonzalez et al. 2020, where it is the noise of the training
     """
     steps = shape[0] - 1
     velocity = (deviation / np.sqrt(steps)) * random.standard_normal((steps, *shape[1:])).cumsum(0)
