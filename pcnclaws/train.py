@@ -102,6 +102,7 @@ def _notes(config: DictConfig, scenes: TrainingScenes, fitted: FitResult) -> dic
         "best_iteration": fitted.best.iteration,
         "validation_mse": fitted.best.mse,
         "skipped_iterations": fitted.skipped,
+        "stopped": fitted.stopped,
     }
 
 

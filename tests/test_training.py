@@ -130,6 +130,20 @@ class Limited(Scaled):
         return stress * torch.where(self.factor < 0.95, 1.0, torch.nan)
 
 
+def test_a_run_that_breaks_late_keeps_its_best_law(
+    records: list[SceneRecord], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(watched, "MOST_SKIPPED", 3)
+    data = TrajectoryDataModule(records[:1], records[:1], SegmentPlan(9, None, first=20, last=20), 1)
+    law = Limited(0.7)
+    module = MultiSceneModule(Laws(law, None), data.dataset.settings, OptimiserSettings(0.15), 9)
+    result = fit(module, data, tmp_path, torch.device("cpu"), console=Console(file=StringIO()))
+    assert result.stopped is not None
+    assert "no finite gradient in 3 iterations in a row" in result.stopped
+    assert "is kept" in caplog.text
+    assert 0.7 < float(result.best.weights["elasticity.factor"]) < 0.95
+
+
 def test_a_step_too_far_can_be_taken_back(records: list[SceneRecord], tmp_path: Path) -> None:
     plan = SegmentPlan(6, None, first=20, last=20)  # all batches are alike
     data = TrajectoryDataModule(records[:1], records[:1], plan, 6)

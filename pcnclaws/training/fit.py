@@ -21,14 +21,20 @@ from pcnclaws.training.progress import TrainingProgress
 from pcnclaws.training.watched import WatchedModule
 from pcnclaws.training.weights import law_weights
 
+log = logging.getLogger(__name__)
+
 
 @dataclass(frozen=True)
 class FitResult:
-    """What a finished run leaves: its curves, its best weights, and how many iterations were skipped."""
+    """What a finished run leaves: its curves, its best weights, and how many iterations were skipped.
+
+    stopped  why it ended before its last iteration, None where it did not
+    """
 
     history: History
     best: BestWeights
     skipped: int
+    stopped: str | None = None
 
 
 def fit(
@@ -41,6 +47,8 @@ def fit(
     clock: WallClock | None = None,
 ) -> FitResult:
     """Trains the module's model and leaves the best weights in them; without iterations, checks them as they are.
+
+    A run whose gradients cease to be finite keeps what its best check found.
 
     folder    the run folder: checkpoints/ and tensorboard/ are written there, and an unfinished run is continued
     log_every iterations from one TensorBoard entry to the next
@@ -69,18 +77,25 @@ def fit(
         enable_progress_bar=False,
         enable_model_summary=False,
     )
+    stopped = None
     with warnings.catch_warnings():
         # a batch is made in a millisecond: worker processes would cost more than they save
         warnings.filterwarnings("ignore", message=".*does not have many workers.*")
         warnings.filterwarnings("ignore", message=".*treespec, LeafSpec.*")  # Lightning's own business
-        with interruptible():
-            trainer.fit(module, datamodule=data, ckpt_path=checkpoint, weights_only=True)
+        try:
+            with interruptible():
+                trainer.fit(module, datamodule=data, ckpt_path=checkpoint, weights_only=True)
+        except SimulationDiverged as divergence:
+            if not best.weights:
+                raise
+            stopped = str(divergence)
+            log.warning("%s; the law of iteration %d, whose check was the best, is kept", stopped, best.iteration)
     if not best.weights:
         raise SimulationDiverged(
             "training failed: every check of the run diverged; "
             "lower training.learning_rate or train for more iterations"
         )
-    return FitResult(history, best, module.skipped)
+    return FitResult(history, best, module.skipped, stopped)
 
 
 @contextmanager
