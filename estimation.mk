@@ -37,10 +37,11 @@ way_pretrained := law=pretrained
 way_pretrained_unscreened := law=pretrained screening=0
 way_adam := law=pretrained screening=0 estimator=adam
 # a guess of Young's modulus that is ten times off, for the first object of each material
-tenfold := softer stiffer
+tenfold := softer stiffer stiffer_unscreened
 firsts := elasticity_1 plasticine_1 sand_1
-way_softer = law=pretrained screening=0 initial_guess.youngs_modulus=$(softer_$(1))
-way_stiffer = law=pretrained screening=0 initial_guess.youngs_modulus=$(stiffer_$(1))
+way_softer = law=pretrained initial_guess.youngs_modulus=$(softer_$(1))
+way_stiffer = law=pretrained initial_guess.youngs_modulus=$(stiffer_$(1))
+way_stiffer_unscreened = $(way_stiffer) screening=0
 softer_elasticity_1 := 1.8e4
 softer_plasticine_1 := 4.7e4
 softer_sand_1 := 3.7e4

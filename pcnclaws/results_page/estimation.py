@@ -18,8 +18,9 @@ WAYS = {
     "pretrained": "neural law",
     "pretrained_unscreened": "neural law, no screening",
     "adam": "neural law, Adam",
-    "softer": "neural law, no screening, E guessed at a tenth",
-    "stiffer": "neural law, no screening, E guessed tenfold",
+    "softer": "neural law, E guessed at a tenth",
+    "stiffer": "neural law, E guessed tenfold",
+    "stiffer_unscreened": "neural law, E guessed tenfold, no screening",
     "markers": "analytic law, 100 markers",
     "mismatched": "analytic law, 100 markers, other grid and time step",
 }
