@@ -49,9 +49,11 @@ stiffer_elasticity_1 := 1.8e6
 stiffer_plasticine_1 := 4.7e6
 stiffer_sand_1 := 3.7e6
 # from a hundred noisy markers on the surface, with gaps, seen in every tenth frame; the start velocity is not known
-seen_by_markers := markers=0.1 surface=true every=10 noise=1e-3 missing=0.1
+seen_by_markers := surface=true every=10 noise=1e-3 missing=0.1
 way_markers := law=analytic scene.shape=cube
-way_mismatched := law=analytic scene.shape=cube simulation.time_step=4e-4 simulation.grid_nodes=24
+# the same of a motion that was simulated with half the time step, grid spacing and distance of particles
+finer := simulation.time_step=2.5e-4 simulation.grid_nodes=40 simulation.steps=1000 simulation.every=10 scene.particles_per_edge=20
+way_mismatched := $(way_markers)
 
 material_of = $(firstword $(subst _, ,$(1)))
 number_of = $(lastword $(subst _, ,$(1)))
@@ -63,11 +65,19 @@ $(SEEN)/$(1).h5: | $(INSTALLED)
 		scene.name=$(1) picture=false threads=1 output=$$@
 
 $(SEEN)/$(1)_markers.csv: | $(SEEN)/$(1).h5
-	$$(RUN) pcnclaws.observe file=$(SEEN)/$(1).h5 $(seen_by_markers) output=$$@
+	$$(RUN) pcnclaws.observe file=$(SEEN)/$(1).h5 markers=0.1 $(seen_by_markers) output=$$@
+
+$(SEEN)/$(1)_fine.h5: | $(INSTALLED)
+	$$(RUN) pcnclaws.simulate material=$(call material_of,$(1)) law=analytic $(truth_$(1)) $(motion_$(call number_of,$(1))) $(finer) \
+		scene.name=$(1) picture=false threads=1 output=$$@
+
+$(SEEN)/$(1)_fine_markers.csv: | $(SEEN)/$(1)_fine.h5
+	$$(RUN) pcnclaws.observe file=$(SEEN)/$(1)_fine.h5 markers=0.0125 $(seen_by_markers) output=$$@
 
 $(foreach way,$(ways),$(call estimated,$(1),$(way),$(SEEN)/$(1).h5,$(guess_$(1)) $(way_$(way))))
 $(foreach way,$(tenfold),$(call estimated,$(1),$(way),$(SEEN)/$(1).h5,$(guess_$(1)) $(call way_$(way),$(1))))
-$(foreach way,markers mismatched,$(call estimated,$(1),$(way),$(SEEN)/$(1)_markers.csv,$(guess_$(1)) $(way_$(way))))
+$(call estimated,$(1),markers,$(SEEN)/$(1)_markers.csv,$(guess_$(1)) $(way_markers))
+$(call estimated,$(1),mismatched,$(SEEN)/$(1)_fine_markers.csv,$(guess_$(1)) $(way_mismatched))
 endef
 
 # $(call estimated,object,way,observation,options)

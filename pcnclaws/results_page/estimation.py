@@ -22,7 +22,7 @@ WAYS = {
     "stiffer": "neural law, E guessed tenfold",
     "stiffer_unscreened": "neural law, E guessed tenfold, no screening",
     "markers": "analytic law, 100 markers",
-    "mismatched": "analytic law, 100 markers, other grid and time step",
+    "mismatched": "analytic law, 100 markers of a finer simulation",
 }
 # Of the example docs/examples/parts.py.
 TRUTHS = {
@@ -70,8 +70,8 @@ command on one thread, and depend on what else the machine did: most were measur
 processes on two cores.
 
 *Markers* are 100 particles of the surface, seen in every 50th step, each coordinate with a noise of 1 mm, a tenth of
-them missing; start velocity and spin are estimated along. *Other grid and time step*: the same markers explained with
-24 grid nodes and steps of 0.4 ms, where the motion was simulated with 20 and 0.5 ms."""
+them missing; start velocity and spin are estimated along. *Of a finer simulation*: the motion was simulated with half
+the time step, half the grid spacing and eight times the particles, and is explained with the usual ones."""
 
 
 def estimation_page(folder: Path) -> str:
