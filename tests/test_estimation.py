@@ -16,6 +16,7 @@ from pcnclaws.estimation.transforms import TRANSFORMS, Free, Transform
 from pcnclaws.estimation.uncertainty import ROUNDING, projected_error, uncertainty
 from pcnclaws.estimation.unknowns import connected_bodies
 from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.training.inverse import EstimatorSettings, InverseModule
 
 # PyTorch warns of its own use of torch.jit when it loads forward mode
 pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")
@@ -239,3 +240,16 @@ def test_the_calibrated_error_covers_the_differences_that_it_was_made_from() -> 
 
 def test_the_analytic_law_has_the_error_of_rounding() -> None:
     assert known_law_error(None) == ROUNDING
+
+
+def test_gradient_descent_goes_halfway_back_from_a_gradient_that_is_not_finite() -> None:
+    module = InverseModule(problem_of(observed(start("elasticity"))), np.zeros(2), EstimatorSettings("adam"))
+    optimiser = module.configure_optimizers()
+    module.coordinates.grad = torch.ones(2, dtype=torch.float64)
+    module.on_before_optimizer_step(optimiser)
+    optimiser.step()
+    np.testing.assert_allclose(module.u, [-0.1, -0.1], rtol=1e-6)
+    module.coordinates.grad = torch.tensor((float("nan"), 1.0), dtype=torch.float64)
+    module.on_before_optimizer_step(optimiser)
+    optimiser.step()
+    np.testing.assert_allclose(module.u, [-0.05, -0.05], rtol=1e-6)

@@ -62,7 +62,7 @@ class InverseModule(LightningModule):
         self.search = LevenbergMarquardt()
         self.history: list[tuple[list[float], float]] = []
         self._at: Linearisation | None = None
-        # the last coordinates of gradient descent whose simulation did not diverge
+        # the last coordinates of gradient descent with a finite gradient
         self._good: Tensor | None = None
 
     @property
@@ -89,6 +89,17 @@ class InverseModule(LightningModule):
             return None
         kinds = {"adam": torch.optim.Adam, "sgd": torch.optim.SGD}
         return kinds[self.estimator.name]([self.coordinates], lr=self.estimator.learning_rate)
+
+    def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
+        """Goes halfway back where the gradient is not finite though the simulation is: a step would end the search."""
+        gradient = self.coordinates.grad
+        if gradient is None or bool(torch.isfinite(gradient).all()):
+            self._good = self.coordinates.detach().clone()
+            return
+        self.coordinates.grad = None  # the optimiser leaves the coordinates alone
+        if self._good is not None:
+            with torch.no_grad():
+                self.coordinates.lerp_(self._good, 0.5)
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["search"] = [self.search.damping, self.search.done]
@@ -130,7 +141,7 @@ class InverseModule(LightningModule):
                 "estimator=gauss_newton"
             )
         self._note(self.u, float(loss.detach()))
-        self._at, self._good = None, self.coordinates.detach().clone()
+        self._at = None
         return LOSS_SCALE * loss
 
     def _note(self, u: Float[np.ndarray, " unknowns"], mse: float) -> None:
