@@ -239,7 +239,7 @@ def _step_function() -> StepFunction:
         log.warning("Triton or a C++ compiler is missing: the operations of a step are not fused, which is slower")
         return _step
     log.warning(
-        "compiling the step for this GPU: half a minute or more for each law, less in later runs "
+        "compiling the step for this GPU: once for each law, which takes a while, less in later runs "
         "(simulation.backend=torch goes without)"
     )
     dynamo = torch._dynamo.config
