@@ -124,6 +124,7 @@ def test_inside_of_the_yield_surface_nothing_changes_by_a_bit() -> None:
 
 def test_extreme_stretches_keep_their_digits() -> None:
     stretches = [(20.0, 0.05, 0.05), (20.0, 20.0, 0.05), (0.05, 1.0, 20.0), (1.0, 1.0, 1.0 + 1e-9)]
+    stretches += [(3e9, 2e9, 1e9), (1e-9, 3e-9, 2e-9)]  # squares at the ends of single precision
     diagonal = torch.diag_embed(torch.tensor(stretches).double()).permute(1, 2, 0)
     count = len(stretches)
     q = rotations(2, count)

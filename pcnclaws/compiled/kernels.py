@@ -60,6 +60,11 @@ def in_forward_mode() -> bool:
     return forward_ad._current_level >= 0
 
 
+def derivatives_wanted() -> bool:
+    """Whether derivatives in either mode may be asked for of what is computed now."""
+    return torch.is_grad_enabled() or in_forward_mode()
+
+
 def carries_rates(tensors: Sequence[Tensor]) -> bool:
     """Whether one of the tensors carries a forward-mode derivative now."""
     return in_forward_mode() and any(forward_ad.unpack_dual(tensor).tangent is not None for tensor in tensors)

@@ -10,7 +10,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pcnclaws.compiled.kernels import address, addresses, call, carries_rates, require_first_derivative
+from pcnclaws.compiled.kernels import (
+    address,
+    addresses,
+    call,
+    carries_rates,
+    derivatives_wanted,
+    require_first_derivative,
+)
 
 # in the order of `with_law` in source/kernels.cpp
 LAWS = (
@@ -55,7 +62,16 @@ def isotropic_law(law: str, deformation: Tensor, parameters: Tensor, weights: Se
     weights      of a network with two hidden layers: three matrices (to, from), then three biases (to, 1)
     """
     tensors = (deformation, parameters, *weights)
+    if not derivatives_wanted():
+        return _evaluated(LAWS.index(law), *(tensor.contiguous() for tensor in tensors))
     return _Law.apply(LAWS.index(law), carries_rates(tensors), *tensors)
+
+
+def _evaluated(law: int, deformation: Tensor, parameters: Tensor, *weights: Tensor) -> Tensor:
+    result = torch.empty_like(deformation)
+    law_input, _kept = _described(deformation, parameters, weights)
+    call("law_forward", deformation.dtype, law, ctypes.byref(law_input), address(result))
+    return result
 
 
 def _described(deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> tuple[_LawInput, Any]:
@@ -81,10 +97,7 @@ class _Law(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, law: int, later: bool, *tensors: Tensor) -> Tensor:
         deformation, parameters, *weights = (tensor.contiguous() for tensor in tensors)
-        result = torch.empty_like(deformation)
-        if not later:
-            law_input, _kept = _described(deformation, parameters, weights)
-            call("law_forward", deformation.dtype, law, ctypes.byref(law_input), address(result))
+        result = torch.empty_like(deformation) if later else _evaluated(law, deformation, parameters, *weights)
         ctx.law, ctx.result = law, result.detach() if later else None
         ctx.save_for_backward(deformation, parameters, *weights)
         ctx.save_for_forward(deformation, parameters, *weights)

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pcnclaws.compiled.kernels import addresses, call, carries_rates, require_first_derivative
+from pcnclaws.compiled.kernels import addresses, call, carries_rates, derivatives_wanted, require_first_derivative
 
 MoreTensors = tuple[Tensor | None, ...]
 
@@ -63,6 +63,8 @@ def step(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor
     if any(field.shape[-1] != particles for field in (scene, *state)):
         raise ValueError("the fields of a state and scene_index need the same number of particles")
     bodies = (scene.long(), mass.expand(particles), volume.expand(particles), gravity)
+    if not derivatives_wanted():
+        return _stepped(settings, _contiguous(bodies), _contiguous(state))
     return _Step.apply(settings, carries_rates(state), *bodies, *state)
 
 
@@ -79,6 +81,12 @@ def _call(name: str, settings: StepSettings, bodies: tuple[Tensor, ...], *fields
     call(name, mass.dtype, ctypes.byref(_settings(settings)), ctypes.byref(described), *pointers)
 
 
+def _stepped(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+    after = tuple(torch.empty_like(field) for field in state[:4])
+    _call("step_forward", settings, bodies, state, after)
+    return after
+
+
 def _contiguous(tensors: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
     return tuple(tensor.contiguous() for tensor in tensors)
 
@@ -89,9 +97,7 @@ class _Step(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, settings: StepSettings, later: bool, *tensors: Tensor) -> tuple[Tensor, ...]:
         bodies, state = _contiguous(tensors[:4]), _contiguous(tensors[4:])
-        after = tuple(torch.empty_like(field) for field in state[:4])
-        if not later:
-            _call("step_forward", settings, bodies, state, after)
+        after = tuple(torch.empty_like(field) for field in state[:4]) if later else _stepped(settings, bodies, state)
         ctx.settings, ctx.after = settings, tuple(field.detach() for field in after) if later else ()
         ctx.save_for_backward(*bodies, *state, after[1], after[2])
         ctx.save_for_forward(*bodies, *state)

@@ -74,7 +74,7 @@ template <class T, class Law> struct LawBlock {
             for (int k = 0; k < 9; k++) f[group][k / 3][k % 3] = load(in.deformation + k * in.particles, at, end);
             for (int k = 0; k < in.rows; k++) p[group][k] = load(in.parameters + k * in.particles, at, end);
         }
-        for (int group = 0; group < groups(); group += TOGETHER) principal_axes<TOGETHER>(f + group, principal + group);
+        for (int group = 0; group < groups(); group += TOGETHER) principal_axes<T, TOGETHER>(f + group, principal + group);
         if constexpr (NETWORK) {
             for (int group = 0; group < groups(); group++) {
                 Law::features(principal[group].strain, x[group]);
@@ -147,7 +147,8 @@ template <class T, class Law> struct LawBlock {
         V off[3][3];             // divided differences
         V multiplied[3][3];      // M^T times the incoming gradient, for a return map
     };
-    void adjoint_first(int group, const T* incoming, Adjoint& a, T* parameter_gradient) {
+    // all in one function, so that the tape needs no calls
+    __attribute__((flatten)) void adjoint_first(int group, const T* incoming, Adjoint& a, T* parameter_gradient) {
         const Principal& axes = principal[group];
         V g[3][3], y_bar[3][3], y[3], value[3];
         for (int k = 0; k < 9; k++) g[k / 3][k % 3] = load(incoming + k * in.particles, begin + group * L, end);

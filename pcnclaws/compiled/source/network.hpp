@@ -17,38 +17,60 @@ template <class T> Vector<T> load_vector(const T* from) {
 }
 template <class T> void store_vector(T* to, Vector<T> values) { std::memcpy(to, &values, sizeof values); }
 
+// Keeps a value that is used several times in its register: compilers on x86 would rather read it from memory at every
+// use, as a part of the instruction, which is more reading than a core has time for.
+template <class U> void keep_in_register(U& value) {
+#if defined(__x86_64__)
+    asm("" : "+x"(value));
+#else
+    (void)value;
+#endif
+}
+
 // y[r][:] = start[r][:] + sum_k x[r][k] w[k][:] for ROWS rows and COLUMNS vectors of columns, in registers. x is read
-// with the strides (row, step), so that it may be a transpose.
+// with the strides (row, step), so that it may be a transpose. On its own: as a part of a large function it would not
+// find enough registers.
 template <class T, int ROWS, int COLUMNS>
-void product_tile(const T* x, int row, int step, const T* w, int w_row, int count, const T* start, int start_row, T* y,
+__attribute__((noinline)) void product_tile(const T* x, int row, int step, const T* w, int w_row, int count, const T* start, int start_row, T* y,
                   int y_row) {
     Vector<T> sum[ROWS][COLUMNS];
+#pragma GCC unroll 8
     for (int r = 0; r < ROWS; r++)
+#pragma GCC unroll 2
         for (int c = 0; c < COLUMNS; c++)
             sum[r][c] = start ? load_vector(start + r * start_row + c * LANES<T>) : Vector<T>{};
     for (int k = 0; k < count; k++) {
         Vector<T> wk[COLUMNS];
-        for (int c = 0; c < COLUMNS; c++) wk[c] = load_vector(w + k * w_row + c * LANES<T>);
+#pragma GCC unroll 2
+        for (int c = 0; c < COLUMNS; c++) {
+            wk[c] = load_vector(w + k * w_row + c * LANES<T>);
+            keep_in_register(wk[c]);
+        }
+#pragma GCC unroll 8
         for (int r = 0; r < ROWS; r++) {
             const T xk = x[r * row + k * step];
+#pragma GCC unroll 2
             for (int c = 0; c < COLUMNS; c++) sum[r][c] += xk * wk[c];
         }
     }
+#pragma GCC unroll 8
     for (int r = 0; r < ROWS; r++)
+#pragma GCC unroll 2
         for (int c = 0; c < COLUMNS; c++) store_vector(y + r * y_row + c * LANES<T>, sum[r][c]);
 }
 
 // The whole product: `rows` a multiple of ROWS, `columns` a multiple of the lanes.
-constexpr int ROWS = BYTES == 64 ? 8 : 4;  // the sums of a tile stay in registers: 32 of 64 bytes, or 16 narrower ones
+constexpr int ROWS = 8;
+constexpr int WIDE_ROWS = BYTES == 64 ? 8 : 4;  // the sums stay in registers: 32 of 64 bytes, or 16 narrower ones
 template <class T>
 void product(int rows, int columns, int count, const T* x, int row, int step, const T* w, const T* start, int start_row,
              T* y) {
     int c = 0;
     for (; c + 2 * LANES<T> <= columns; c += 2 * LANES<T>)
-        for (int r = 0; r < rows; r += ROWS)
-            product_tile<T, ROWS, 2>(x + r * row, row, step, w + c, columns, count,
-                                     start ? start + r * start_row + c : nullptr, start_row, y + r * columns + c,
-                                     columns);
+        for (int r = 0; r < rows; r += WIDE_ROWS)
+            product_tile<T, WIDE_ROWS, 2>(x + r * row, row, step, w + c, columns, count,
+                                          start ? start + r * start_row + c : nullptr, start_row, y + r * columns + c,
+                                          columns);
     for (; c < columns; c += LANES<T>)
         for (int r = 0; r < rows; r += ROWS)
             product_tile<T, ROWS, 1>(x + r * row, row, step, w + c, columns, count,
@@ -56,30 +78,53 @@ void product(int rows, int columns, int count, const T* x, int row, int step, co
                                      columns);
 }
 
-// GELU x Phi(x) and its derivative Phi(x) + x phi(x). In single precision both are 1/2 plus an odd function, here x
-// times a polynomial in x^2 fitted on |x| < 5.4, beyond which they are 0 and 1: right to 2e-7 for the normal
-// distribution Phi.
+// GELU x Phi(x) and its derivative Phi(x) + x phi(x), with the normal distribution Phi and its density phi. In single
+// precision Phi is 1/2 plus x times a polynomial in x^2 fitted on |x| < 5.4, beyond which it is 0 or 1; both are right
+// to 2e-7.
 constexpr float GELU_RANGE = 5.4f;
 constexpr float CDF[] = {0.000376044092f, -0.00102007787f, 0.000929660053f, -0.00121130003f, 0.00358935175f,
                          -0.00668679878f, 0.00969475472f,  -0.0139788988f,  0.0196312566f,   -0.0257423645f,
                          0.0321186832f,   -0.0392072682f,  0.0484994752f,   -0.0653280406f,  0.130928114f};
-constexpr float CDF_SLOPE[] = {-0.000614703004f, 0.00178587977f, -0.00164043932f, 0.00217324849f, -0.00771962647f,
-                               0.015642193f,     -0.0232468863f, 0.0343909242f,   -0.0495748221f, 0.0638123765f,
-                               -0.0733549556f,   0.0763494428f,  -0.0723938546f,  0.0641514241f,  -0.0567882414f,
-                               0.0557328357f,    -0.0673123449f, 0.13120032f};
+// 2^r/sqrt(2 pi) on |r| < 1/2
+constexpr float DENSITY[] = {0.000529653684f, 0.00385998306f, 0.0221441425f, 0.0958343893f, 0.276525646f, 0.398942322f};
 
-template <int COUNT> Vector<float> odd_part(const float (&fitted)[COUNT], Vector<float> x, Vector<float> t) {
-    Vector<float> sum = Vector<float>{} + fitted[0];
-    for (int k = 1; k < COUNT; k++) sum = sum * t + fitted[k];
-    return x * sum;
+// A polynomial, highest power first. Four shorter sums run side by side: one long sum would leave the processor waiting
+// for its last term.
+template <int COUNT> Vector<float> polynomial(const float (&fitted)[COUNT], Vector<float> t) {
+    const Vector<float> t2 = t * t, t4 = t2 * t2;
+    Vector<float> sum[4];
+#pragma GCC unroll 4
+    for (int k = 0; k < 4; k++) {
+        const int last = COUNT - 1 - k, first = last % 4;  // of the powers k, k + 4, k + 8 ...
+        sum[k] = Vector<float>{} + fitted[first];
+#pragma GCC unroll 8
+        for (int m = first + 4; m <= last; m += 4) sum[k] = sum[k] * t4 + fitted[m];
+    }
+    return (sum[3] * t + sum[2]) * t2 + (sum[1] * t + sum[0]);
+}
+// phi(x) from x^2; that of |x| = 12 beyond
+inline Vector<float> normal_density(Vector<float> squared) {
+    typedef int32_t Bits __attribute__((vector_size(BYTES)));
+    const Vector<float> least = Vector<float>{} - 103.87404f, shift = Vector<float>{} + 12582912.0f;  // 3 * 2^22
+    Vector<float> exponent = squared * -0.72134752f;  // of 2
+    exponent = exponent > least ? exponent : least;
+    const Vector<float> rounded = exponent + shift, part = polynomial(DENSITY, exponent - (rounded - shift));
+    Bits power, bits;
+    std::memcpy(&power, &rounded, sizeof power);
+    std::memcpy(&bits, &part, sizeof bits);
+    bits += power << 23;  // times 2^n, n in the lowest bits of what was rounded
+    Vector<float> density;
+    std::memcpy(&density, &bits, sizeof density);
+    return density;
 }
 inline void gelu(Vector<float> x, Vector<float>& value, Vector<float>* slope) {
     const Vector<float> range = Vector<float>{} + GELU_RANGE;
     Vector<float> inside = x < range ? x : range;
     inside = inside > -range ? inside : -range;
     const Vector<float> t = inside * inside * (2.0f / (GELU_RANGE * GELU_RANGE)) - 1.0f;
-    if (slope) *slope = 0.5f + odd_part(CDF_SLOPE, inside, t);
-    value = x * (0.5f + odd_part(CDF, inside, t));
+    const Vector<float> below = 0.5f + inside * polynomial(CDF, t);
+    value = x * below;
+    if (slope) *slope = below + x * normal_density(x * x);
 }
 inline void gelu(Vector<double> x, Vector<double>& value, Vector<double>* slope) {
     Vector<double> below;
@@ -96,6 +141,11 @@ template <bool SLOPE, class T> void gelu(int count, T* x, T* slope) {
         store_vector(x + k, value);
         if (SLOPE) store_vector(slope + k, rate);
     }
+}
+
+// An array times another, in place.
+template <class T> void multiply(int count, T* x, const T* factor) {
+    for (int k = 0; k < count; k += LANES<T>) store_vector(x + k, load_vector(x + k) * load_vector(factor + k));
 }
 
 // The weights as PyTorch keeps them: w[l] is (sizes[l + 1], sizes[l]), row-major.
@@ -187,13 +237,15 @@ template <class T> struct NetworkBlock {
                 const int rows = (weights.sizes[l + 1] + ROWS - 1) / ROWS * ROWS;
                 product(rows, from, BLOCK, gradient[l + 1].data(), 1, to, unit[l].data(), wanted->w[l].data(), from,
                         wanted->w[l].data());
-                for (int p = 0; p < BLOCK; p++)
-                    for (int o = 0; o < to; o++) wanted->b[l][o] += gradient[l + 1][size_t(p) * to + o];
+                for (int o = 0; o < to; o += LANES<T>) {
+                    Vector<T> sum = load_vector(wanted->b[l].data() + o);
+                    for (int p = 0; p < BLOCK; p++) sum += load_vector(gradient[l + 1].data() + p * to + o);
+                    store_vector(wanted->b[l].data() + o, sum);
+                }
             }
             product(BLOCK, from, weights.sizes[l + 1], gradient[l + 1].data(), to, 1, weights.backward[l].data(),
                     static_cast<const T*>(nullptr), 0, gradient[l].data());
-            if (l > 0)
-                for (int k = 0; k < BLOCK * from; k++) gradient[l][k] *= slope[l][k];
+            if (l > 0) multiply(BLOCK * from, gradient[l].data(), slope[l].data());
         }
     }
 
@@ -203,8 +255,7 @@ template <class T> struct NetworkBlock {
             const int to = weights.padded[l + 1];
             product(BLOCK, to, weights.sizes[l], gradient[l].data(), weights.padded[l], 1, weights.forward[l].data(),
                     static_cast<const T*>(nullptr), 0, gradient[l + 1].data());
-            if (l + 1 < LAYERS)
-                for (int k = 0; k < BLOCK * to; k++) gradient[l + 1][k] *= slope[l + 1][k];
+            if (l + 1 < LAYERS) multiply(BLOCK * to, gradient[l + 1].data(), slope[l + 1].data());
         }
     }
 };
