@@ -29,6 +29,7 @@ def provenance(seed: int | None = None, device: str | torch.device = "cpu") -> d
         "numpy": np.__version__,
         "system": platform.system(),
         "processor": processor(),
+        "instructions": torch.backends.cpu.get_cpu_capability(),  # as AVX2
         "cores": os.cpu_count(),
         "threads": torch.get_num_threads(),
         "device": torch.cuda.get_device_name(device) if torch.device(device).type == "cuda" else "cpu",
