@@ -1,5 +1,7 @@
 """The compiled kernels against the PyTorch reference: the step, its derivatives in both modes, and its corners."""
 
+import math
+
 import pytest
 import torch
 from bodies import per_particle, principal, seeded, uniform
@@ -24,6 +26,7 @@ from pcnclaws.laws.elasticity import StVKHencky
 from pcnclaws.laws.materials import material_named
 from pcnclaws.laws.plasticity import DruckerPrager
 from pcnclaws.linalg3 import exp_symmetric, matmul
+from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.tensor_types import Matrices, Parameters
 
 pytestmark = [
@@ -226,6 +229,21 @@ def test_a_body_turned_inside_out_is_not_a_number() -> None:
         result = law(f, batch.parameters)
         assert not bool(torch.isfinite(result[..., 1:3]).any())
         assert bool(torch.isfinite(result[..., 3:]).all())
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_particles_that_have_gone_wrong_are_those_of_pytorch(dtype: torch.dtype) -> None:
+    state = in_dtype(moving_batch("sand"), dtype).state
+    state.position[0, 1], state.position[1, 2], state.position[2, 3] = -1e-6, 1.0 + 1e-6, math.nan
+    state.position[:, 4] = torch.tensor([0.0, 1.0, 0.5])  # just inside
+    state.deformation[0, :, 5] *= -1.0
+    state.deformation[1, :, 6] = 0.0
+    state.deformation[2, 2, 7], state.position[0, 8], state.deformation[0, 0, 9] = math.nan, math.inf, -math.inf
+    found = []
+    for backend in ("torch", "compiled"):
+        with using_backend(backend):
+            found.append(failing_particles(state).nonzero()[:, 0].tolist())
+    assert found == [[1, 2, 3, 5, 6, 7, 8, 9]] * 2
 
 
 def test_input_that_does_not_fit_is_refused_or_broadcast() -> None:

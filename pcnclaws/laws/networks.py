@@ -32,7 +32,8 @@ class ConditionalMLP(nn.Module):
     @property
     def all_weights(self) -> tuple[Tensor, ...]:
         """The matrices of the layers, then their biases."""
-        return (*self.weights, *self.biases)
+        # not item by item, which takes as long as a small kernel
+        return (*self.weights.parameters(recurse=False), *self.biases.parameters(recurse=False))
 
     def forward(self, x: Float[Tensor, "inputs particles"]) -> Float[Tensor, "outputs particles"]:
         *hidden, (last_weight, last_bias) = zip(self.weights, self.biases, strict=True)

@@ -5,6 +5,8 @@ import math
 import torch
 from torch import Tensor
 
+from pcnclaws.compiled.failing import failing
+from pcnclaws.compiled.kernels import kernels_serve
 from pcnclaws.linalg3 import determinant
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.tensor_types import ParticleMask
@@ -12,6 +14,8 @@ from pcnclaws.tensor_types import ParticleMask
 
 def failing_particles(state: ParticleState) -> ParticleMask:
     """Particles whose state is not physical: not finite, outside the domain [0, 1]^3, or det F <= 0."""
+    if kernels_serve(state.position, (state.deformation,)):
+        return failing(state.position, state.deformation)
     inside = ((state.position >= 0.0) & (state.position <= 1.0)).all(0)
     # comparisons with NaN are false, and an infinite velocity leaves the domain in the next step
     return ~(inside & (determinant(state.deformation) > 0.0))

@@ -3,6 +3,7 @@
 // Compiled once for each precision: NUMBER is its type, PRECISION the end of the names of its functions.
 #include <new>
 
+#include "failing.hpp"
 #include "isotropic.hpp"
 #include "transfer.hpp"
 
@@ -127,6 +128,15 @@ KERNEL(step_rates)
         const auto state = state_of(before, before_rates);
         const Field<Rate<T>> stress{before[4], before_rates[4]};
         Step<Rate<T>>(*settings, *bodies, state, stress, threads).forward(state_of(after, after_rates));
+        return true;
+    });
+}
+
+// position (3, particles), deformation (9, particles)
+
+KERNEL(failing)(const int64_t* count, const T* position, const T* deformation, bool* failed, int) {
+    return guarded([&] {
+        find_failing(*count, position, deformation, failed);
         return true;
     });
 }
