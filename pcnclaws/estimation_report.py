@@ -42,8 +42,15 @@ def result_table(
 
 
 def verdicts(found: Uncertainty) -> list[str]:
-    """In words: what the motion does not tell, and which unknowns it cannot tell apart."""
+    """In words: whether the search has ended, what the motion does not tell, and what it cannot tell apart."""
     lines = []
+    ahead = [estimate for estimate in found.estimates if estimate.identifiable and not estimate.converged]
+    if ahead:
+        numbers = ", ".join(f"{estimate.label} {estimate.ahead:.4g}" for estimate in ahead)
+        lines.append(
+            f"the search stopped on its way: one more Gauss-Newton step leads to {numbers}; the intervals reach there. "
+            "More iterations (estimator.iterations), or estimator=gauss_newton, will get nearer"
+        )
     for number, estimate in enumerate(found.estimates):
         if not estimate.identifiable:
             felt = bool(np.isfinite(found.covariance[number, number]))
@@ -69,6 +76,7 @@ def result_values(
             "estimate": estimate.value if known else None,
             "interval_95": list(estimate.interval) if known else None,
             "identifiable": known,
+            "converged": estimate.converged,
             "law_share": estimate.law_share,
             "unit": _unit(estimate.label),
         }

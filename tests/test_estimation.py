@@ -153,6 +153,23 @@ def test_a_law_error_of_one_kind_moves_estimates_as_far_as_it_says() -> None:
     np.testing.assert_allclose(np.sqrt(np.diag(again.covariance)), deviation, rtol=1e-2)
 
 
+@MATERIAL
+def test_a_search_that_stops_on_its_way_says_so_and_its_intervals_reach_the_minimum(material: str) -> None:
+    problem = problem_of(observed(start(material)))
+    truth = problem.unknowns.coordinates(list(TRUTH[material].values()))
+    here = truth + np.array([0.01, -0.01, 0.01])[: len(truth)]
+    found = uncertainty(problem.linearise(here), problem.unknowns, here, ROUNDING)
+    for estimate, true in zip(found.estimates, TRUTH[material].values(), strict=True):
+        assert estimate.identifiable
+        assert not estimate.converged
+        assert abs(estimate.ahead / true - 1.0) < 0.6 * abs(estimate.value / true - 1.0)
+    at_truth = uncertainty(problem.linearise(truth), problem.unknowns, truth, ROUNDING)
+    for estimate, ends in zip(found.estimates, at_truth.estimates, strict=True):
+        assert ends.converged
+        assert ends.ahead == pytest.approx(ends.value, rel=1e-4)
+        assert estimate.interval[0] < ends.value < estimate.interval[1]
+
+
 def test_free_flight_tells_nothing_and_says_so() -> None:
     problem = problem_of(observed(start("elasticity", velocity=(0.1, 1.0, 0.0)), steps=40))
     truth = problem.unknowns.coordinates(list(TRUTH["elasticity"].values()))

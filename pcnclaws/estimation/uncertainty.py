@@ -30,6 +30,8 @@ class Estimate:
     """One unknown: its number, its interval, and whether the motion tells it.
 
     law_share  of the interval's variance that the law's error makes [-]
+    ahead      its number after one more Gauss-Newton step: another one where a search has stopped on its way
+    converged  whether that step is small beside the uncertainty
     """
 
     label: str
@@ -37,6 +39,8 @@ class Estimate:
     interval: tuple[float, float]
     identifiable: bool
     law_share: float
+    ahead: float
+    converged: bool
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ class Uncertainty:
 
     covariance   of the coordinates, (unknowns, unknowns); infinite variance where the motion says nothing
     correlation  [-], (unknowns, unknowns)
-    noise        scatter of the residual [m]
+    noise        scatter of the residual [m], at the minimum
     law_error    what the law moves a marker wrongly by, in the ways that the unknowns would [m]
     """
 
@@ -61,22 +65,26 @@ def uncertainty(
 ) -> Uncertainty:
     """The uncertainty at the end of a search.
 
+    Covariances are those of the minimum. Where the search has not come to it, an interval reaches twice as far as the
+    next Gauss-Newton step, which is right to its order alone, and by its half-width further.
     law_error  calibrated error of the law [m]
     """
     rows = at.jacobian.shape[1]
     normal = at.jacobian @ at.jacobian.T
     # a unit of the coordinate moves the markers by this much
     felt = np.sqrt(np.diag(normal) / rows) > ROUNDING
-    noise = max(float(np.sqrt(np.sum(np.square(at.residual)) / max(rows - len(u), 1))), ROUNDING)
-    inverse = _inverse(normal, felt)
-    of_noise = noise**2 * inverse * _clustering(at, inverse, noise, felt)
+    inverse, step = _inverse(normal, felt), np.zeros(len(u))
+    step[felt] = -inverse[np.ix_(felt, felt)] @ (at.jacobian @ at.residual)[felt]
+    minimum = at._replace(residual=at.residual + step @ at.jacobian)
+    noise = max(float(np.sqrt(np.sum(np.square(minimum.residual)) / max(rows - len(u), 1))), ROUNDING)
+    of_noise = noise**2 * inverse * _clustering(minimum, inverse, noise, felt)
     of_law = law_error**2 * rows * inverse
     covariance = of_noise + of_law
     deviation = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore"):
         share = np.where(felt, np.diag(of_law) / np.diag(covariance), 0.0)
         correlation = np.where(np.outer(felt, felt), covariance / np.outer(deviation, deviation), 0.0)
-    estimates = [_estimate(unknowns, u, k, deviation[k], float(share[k])) for k in range(len(u))]
+    estimates = [_estimate(unknowns, u, k, step[k], deviation[k], float(share[k])) for k in range(len(u))]
     return Uncertainty(estimates, covariance, correlation, noise, law_error)
 
 
@@ -111,11 +119,15 @@ def _clustering(at: Linearisation, inverse: np.ndarray, noise: float, felt: np.n
     return max(1.0, float(np.max(np.diag(robust) / (noise**2 * np.diag(part)))))
 
 
-def _estimate(unknowns: Unknowns, u: np.ndarray, k: int, deviation: float, law_share: float) -> Estimate:
+def _estimate(unknowns: Unknowns, u: np.ndarray, k: int, step: float, deviation: float, law_share: float) -> Estimate:
     unknown, reach = unknowns.sought[k], QUANTILE_95 * deviation
-    value, low, high = (float(unknown.transform.value(np.array([at]))[0]) for at in (u[k], u[k] - reach, u[k] + reach))
+    places = np.array([0.0, step, -reach, reach, 2.0 * min(step, 0.0) - reach, 2.0 * max(step, 0.0) + reach])
+    value, ahead, least, most, low, high = unknown.transform.value(u[k] + places).tolist()
     if unknown.name in WIDEST_RATIO:
-        known = high < WIDEST_RATIO[unknown.name] * low
+        known = most < WIDEST_RATIO[unknown.name] * least
     else:
-        known = high - low < WIDEST.get(unknown.name, np.inf)
-    return Estimate(unknown.label, value, (low, high), bool(np.isfinite(deviation) and known), law_share)
+        known = most - least < WIDEST.get(unknown.name, np.inf)
+    converged = bool(abs(step) <= deviation)
+    return Estimate(
+        unknown.label, value, (low, high), bool(np.isfinite(deviation) and known), law_share, ahead, converged
+    )
