@@ -51,12 +51,13 @@ def verdicts(found: Uncertainty) -> list[str]:
             f"the search stopped on its way: one more Gauss-Newton step leads to {numbers}; the intervals reach there. "
             "More iterations (estimator.iterations), or estimator=gauss_newton, will get nearer"
         )
+    where = "where the search stopped" if ahead else "from this motion"
     for number, estimate in enumerate(found.estimates):
         if not estimate.identifiable:
             felt = bool(np.isfinite(found.covariance[number, number]))
             low, high = estimate.interval
             why = f"its interval is {low:.3g} to {high:.3g}" if felt else "it has no influence on what was observed"
-            lines.append(f"{estimate.label} cannot be told from this motion: {why}")
+            lines.append(f"{estimate.label} cannot be told {where}: {why}")
     labels = [estimate.label for estimate in found.estimates]
     for i, j in zip(*np.nonzero(np.triu(np.abs(found.correlation), 1) > CORRELATED), strict=True):
         lines.append(f"{labels[i]} and {labels[j]} stand for one another (correlation {found.correlation[i, j]:.3f})")

@@ -6,6 +6,7 @@ need no step are left out of it (active_scenes.py).
 
 import copy
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import torch
@@ -144,9 +145,8 @@ def positions_at(
     if recompute is None and not records_steps(state, scenes):
         most = MOST_COMPILED_PARTICLE_STEPS if simulator.runs_compiled(state) else MOST_PARTICLE_STEPS
         recompute = _particle_steps(scenes, steps, free) > most
-    run = ActiveScenes(
-        simulator.step_function, state, scenes, parameters, simulator.integrator.settings.time_step, free
-    )
+    step_of = partial(simulator.step_function, one_graph=True)
+    run = ActiveScenes(step_of, state, scenes, parameters, simulator.integrator.settings.time_step, free)
 
     wanted = set(at)
     positions = [state.position] if 0 in wanted else []

@@ -40,6 +40,10 @@ class Simulator(nn.Module):
         laws = [self.elasticity, *([] if self.plasticity is None else [self.plasticity])]
         return all(law.kernel is not None for law in laws) and kernels_serve(state.position)
 
-    def step_function(self, scenes: Scenes, parameters: Parameters) -> Step:
-        """The step as a function of the state alone; the parameters must not be changed in place meanwhile."""
-        return partial(self.forward, scenes=scenes, parameters=FixedParameters(parameters))
+    def step_function(self, scenes: Scenes, parameters: Parameters, one_graph: bool = False) -> Step:
+        """The step as a function of the state alone; the parameters must not be changed in place meanwhile.
+
+        one_graph  all steps are differentiated in one backward pass: what the laws read of the parameters is computed
+                   and differentiated once
+        """
+        return partial(self.forward, scenes=scenes, parameters=FixedParameters(parameters, one_graph))

@@ -56,17 +56,19 @@ class Law(nn.Module, ABC):
 class FixedParameters(dict[str, Tensor]):
     """Parameters that stay the same from step to step: what the kernels read of them is made once.
 
-    Not where they are differentiated in reverse mode: a graph belongs to one backward pass. Rates of forward mode are
-    kept with them, so that such an object must not outlive the level of forward mode that it was made in.
+    Rates of forward mode are kept with them, so that such an object must not outlive the level of forward mode that it
+    was made in.
+    one_graph  the same where they are differentiated in reverse mode: all steps then belong to one backward pass
     """
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: Parameters, one_graph: bool = False) -> None:
         super().__init__(parameters)
+        self._one_graph = one_graph
         self._rows: dict[Law, Tensor] = {}
 
     def rows_of(self, law: Law) -> Tensor | None:
-        """Law.kernel_rows, or None where the parameters are differentiated in reverse mode."""
-        if any(value.requires_grad for value in self.values()):
+        """Law.kernel_rows, or None where the parameters are differentiated in backward passes of several graphs."""
+        if not self._one_graph and any(value.requires_grad for value in self.values()):
             return None
         if law not in self._rows:
             self._rows[law] = law.kernel_rows(self)
