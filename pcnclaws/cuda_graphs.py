@@ -22,12 +22,11 @@ from pcnclaws.compiled.build import find_compiler
 from pcnclaws.compiled.kernels import in_forward_mode, in_function_transform
 from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.simulator import Simulator
+from pcnclaws.simulator import SCENE_FIELDS, STATE_FIELDS, Simulator, batch_from
 from pcnclaws.tensor_types import Parameters, ParticleMask
 
 log = logging.getLogger(__name__)
 
-STATE, SCENES = len(ParticleState._fields), len(Scenes._fields)
 # Recordings kept for each simulator: one holds the memory of a step.
 MOST_RECORDINGS = 8
 # PyTorch compiles again for another material or setting, and refuses after a few times by default.
@@ -62,7 +61,7 @@ def differentiable_steps(
 
     Gradients reach the state, the parameters and the weights of the laws.
     """
-    names, weights = tuple(parameters), _weights(simulator)
+    names, weights = tuple(parameters), simulator.trained_weights()
     fields = (*state, *scenes, *(parameters[name] for name in names))
     return ParticleState(*_Steps.apply(simulator, names, count, *fields, *weights))
 
@@ -72,11 +71,11 @@ class _Steps(torch.autograd.Function):
     def forward(
         ctx: Any, simulator: Simulator, names: tuple[str, ...], count: int, *tensors: Tensor
     ) -> tuple[Tensor, ...]:
-        state, scenes, parameters = _unpacked(names, tensors)
-        needed = ctx.needs_input_grad[3 + STATE + SCENES :]
+        state, scenes, parameters = batch_from(tensors, names)
+        needed = ctx.needs_input_grad[3 + STATE_FIELDS + SCENE_FIELDS :]
         graphs = _graphs_for(simulator, state, scenes, parameters, needed)
         ctx.simulator, ctx.names, ctx.needed = simulator, names, needed
-        ctx.save_for_backward(*tensors[: STATE + SCENES + len(names)], graphs.history(state, count))
+        ctx.save_for_backward(*tensors[: STATE_FIELDS + SCENE_FIELDS + len(names)], graphs.history(state, count))
         return tuple(graphs.result())
 
     @staticmethod
@@ -85,13 +84,13 @@ class _Steps(torch.autograd.Function):
         ctx: Any, *gradients: Tensor
     ) -> tuple[Tensor | None, ...]:
         *tensors, history = ctx.saved_tensors
-        graphs = _graphs_for(ctx.simulator, *_unpacked(ctx.names, tensors), ctx.needed)
+        graphs = _graphs_for(ctx.simulator, *batch_from(tensors, ctx.names), ctx.needed)
         of_state, of_others = graphs.pull_back(history, gradients)
         found = iter(of_others)
         return (
             *(None, None, None),
             *of_state,
-            *(None for _ in range(SCENES)),
+            *(None for _ in range(SCENE_FIELDS)),
             *(next(found) if need else None for need in ctx.needed),
         )
 
@@ -130,7 +129,7 @@ class _StepGraphs:
         self._forward = _recorded(self._step_forward)
         self._backward: torch.cuda.CUDAGraph | None = None
         if needed:
-            weights = _weights(self._simulator)
+            weights = self._simulator.trained_weights()
             others = [*self._parameters.values(), *weights]
             self._gradient, self._needed = _Packed(state), needed
             self._sums = _Packed([tensor for tensor, need in zip(others, needed, strict=True) if need])
@@ -189,15 +188,15 @@ class _StepGraphs:
             name: values.detach().requires_grad_(need)
             for (name, values), need in zip(self._parameters.items(), self._needed, strict=False)
         }
-        others = [*parameters.values(), *_weights(self._simulator)]
+        others = [*parameters.values(), *self._simulator.trained_weights()]
         wanted = [*fields, *(tensor for tensor, need in zip(others, self._needed, strict=True) if need)]
         with torch.enable_grad():
             after = self._step(self._simulator, ParticleState(*fields), self._scenes, parameters)
         found = torch.autograd.grad(after, wanted, self._gradient.parts, allow_unused=True, materialize_grads=True)
         with torch.no_grad():
-            _copy(self._gradient.parts, found[:STATE])
+            _copy(self._gradient.parts, found[:STATE_FIELDS])
             if self._sums.parts:
-                self._sums.memory.add_(torch.cat([gradient.reshape(-1) for gradient in found[STATE:]]))
+                self._sums.memory.add_(torch.cat([gradient.reshape(-1) for gradient in found[STATE_FIELDS:]]))
 
 
 def _twin(simulator: Simulator) -> Simulator:
@@ -273,12 +272,3 @@ def _recorded(work: Callable[[], None]) -> torch.cuda.CUDAGraph:
 def _copy(into: Sequence[Tensor], values: Sequence[Tensor]) -> None:
     for target, source in zip(into, values, strict=True):
         target.copy_(source)
-
-
-def _weights(simulator: Simulator) -> list[Tensor]:
-    return [weight for weight in simulator.parameters() if weight.requires_grad]
-
-
-def _unpacked(names: tuple[str, ...], tensors: Sequence[Tensor]) -> tuple[ParticleState, Scenes, dict[str, Tensor]]:
-    state, scenes = ParticleState(*tensors[:STATE]), Scenes(*tensors[STATE : STATE + SCENES])
-    return state, scenes, dict(zip(names, tensors[STATE + SCENES :], strict=False))

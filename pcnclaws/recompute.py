@@ -7,10 +7,8 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.simulator import Simulator
+from pcnclaws.simulator import SCENE_FIELDS, STATE_FIELDS, Simulator, batch_from
 from pcnclaws.tensor_types import Parameters
-
-STATE, SCENES = len(ParticleState._fields), len(Scenes._fields)
 
 
 def recomputed_step(
@@ -23,14 +21,14 @@ def recomputed_step(
     """
     names = tuple(parameters)
     fields = (*state, *scenes, *(parameters[name] for name in names))
-    return ParticleState(*_RecomputedStep.apply(simulator, names, *fields, *_weights(simulator)))
+    return ParticleState(*_RecomputedStep.apply(simulator, names, *fields, *simulator.trained_weights()))
 
 
 class _RecomputedStep(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, simulator: Simulator, names: tuple[str, ...], *tensors: Tensor) -> tuple[Tensor, ...]:
         ctx.simulator, ctx.names = simulator, names
-        ctx.save_for_backward(*tensors[: STATE + SCENES + len(names)])
+        ctx.save_for_backward(*tensors[: STATE_FIELDS + SCENE_FIELDS + len(names)])
         return tuple(_step(simulator, names, tensors))
 
     @staticmethod
@@ -40,7 +38,7 @@ class _RecomputedStep(torch.autograd.Function):
     ) -> tuple[Tensor | None, ...]:
         needed = ctx.needs_input_grad[2:]
         fields = [tensor.detach().requires_grad_(need) for tensor, need in zip(ctx.saved_tensors, needed, strict=False)]
-        tensors = [*fields, *_weights(ctx.simulator)]
+        tensors = [*fields, *ctx.simulator.trained_weights()]
         with torch.enable_grad():
             after = _step(ctx.simulator, ctx.names, fields)
         wanted = [tensor for tensor, need in zip(tensors, needed, strict=True) if need]
@@ -48,10 +46,5 @@ class _RecomputedStep(torch.autograd.Function):
         return (None, None, *(next(found) if need else None for need in needed))
 
 
-def _weights(simulator: Simulator) -> list[Tensor]:
-    return [weight for weight in simulator.parameters() if weight.requires_grad]
-
-
 def _step(simulator: Simulator, names: tuple[str, ...], tensors: Any) -> ParticleState:
-    parameters = dict(zip(names, tensors[STATE + SCENES :], strict=False))
-    return simulator(ParticleState(*tensors[:STATE]), Scenes(*tensors[STATE : STATE + SCENES]), parameters)
+    return simulator(*batch_from(tensors, names))

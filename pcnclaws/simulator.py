@@ -1,9 +1,9 @@
 """The only place where the physics of motion and the physics of material meet."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
-from torch import nn
+from torch import Tensor, nn
 
 from pcnclaws.compiled.kernels import kernels_serve
 from pcnclaws.laws.base import Elasticity, FixedParameters, Plasticity
@@ -12,6 +12,7 @@ from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.tensor_types import Parameters
 
 Step = Callable[[ParticleState], ParticleState]
+STATE_FIELDS, SCENE_FIELDS = len(ParticleState._fields), len(Scenes._fields)
 
 
 class Simulator(nn.Module):
@@ -35,6 +36,10 @@ class Simulator(nn.Module):
         after_flow = self.plasticity(trial.deformation, parameters)
         return ParticleState(trial.position, trial.velocity, trial.affine, after_flow)
 
+    def trained_weights(self) -> list[Tensor]:
+        """The weights of the laws that are differentiated."""
+        return [weight for weight in self.parameters() if weight.requires_grad]
+
     def runs_compiled(self, state: ParticleState) -> bool:
         """Whether every part of a step from this state is a compiled kernel, whose graph is no more than its inputs."""
         laws = [self.elasticity, *([] if self.plasticity is None else [self.plasticity])]
@@ -47,3 +52,10 @@ class Simulator(nn.Module):
                    and differentiated once
         """
         return partial(self.forward, scenes=scenes, parameters=FixedParameters(parameters, one_graph))
+
+
+def batch_from(tensors: Sequence[Tensor], names: Sequence[str]) -> tuple[ParticleState, Scenes, dict[str, Tensor]]:
+    """State, scenes and parameters of these names from one sequence of all their tensors, in this order."""
+    state, others = tensors[:STATE_FIELDS], tensors[STATE_FIELDS:]
+    parameters = dict(zip(names, others[SCENE_FIELDS:], strict=False))
+    return ParticleState(*state), Scenes(*others[:SCENE_FIELDS]), parameters
