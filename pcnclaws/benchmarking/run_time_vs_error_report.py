@@ -29,14 +29,13 @@ def draw(document: Mapping[str, Any], folder: Path) -> list[Path]:
         rows = [row for row in results["rows"] if row["material"] == material and row["error"]]
         problems, laws = (list(dict.fromkeys(row[key] for row in rows)) for key in ("problem", "law"))
         figure = Figure(figsize=(3.6 * len(problems) + 1.6, 3.3 * len(laws) + 0.4), dpi=DPI, layout="constrained")
-        axes = figure.subplots(len(laws), len(problems), squeeze=False)
+        axes = figure.subplots(len(laws), len(problems), squeeze=False, sharex="col", sharey="col")
         for (i, law), (k, problem) in ((x, y) for x in enumerate(laws) for y in enumerate(problems)):
             _panel(axes[i, k], [row for row in rows if (row["law"], row["problem"]) == (law, problem)], results)
             axes[i, k].set_title(f"{problem}, {law} law" + ("s" if material != "elasticity" else ""), fontsize=9)
         _legend(figure, rows)
-        figure.suptitle(
-            f"{material}: run time against error, {document['provenance']['threads']} thread(s)", fontsize=10
-        )
+        title = f"{material}: run time against error, {document['provenance']['threads']} thread(s)"
+        figure.suptitle(title, fontsize=10, x=0.01, ha="left")
         paths.append(save(figure, folder / f"{document['problem']}_{material}.png"))
     return paths
 
@@ -115,7 +114,7 @@ def _legend(figure: Figure, rows: Sequence[Row]) -> None:
         Line2D([], [], color="0.3", linewidth=1.0, label="Pareto front"),
         Line2D([], [], color="0.5", linestyle=":", label="error of the reference"),
     ]
-    figure.legend(handles=entries, loc="outside right upper", fontsize=7, frameon=False)
+    figure.legend(handles=entries, loc="outside right center", fontsize=7, frameon=False)
 
 
 def _variant(row: Row) -> str:
