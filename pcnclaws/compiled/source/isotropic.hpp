@@ -74,7 +74,8 @@ template <class T, class Law> struct LawBlock {
             for (int k = 0; k < 9; k++) f[group][k / 3][k % 3] = load(in.deformation + k * in.particles, at, end);
             for (int k = 0; k < in.rows; k++) p[group][k] = load(in.parameters + k * in.particles, at, end);
         }
-        for (int group = 0; group < groups(); group += TOGETHER) principal_axes<T, TOGETHER>(f + group, principal + group);
+        for (int group = 0; group < groups(); group += TOGETHER)
+            principal_axes<T, TOGETHER>(f + group, principal + group);
         if constexpr (NETWORK) {
             for (int group = 0; group < groups(); group++) {
                 Law::features(principal[group].strain, x[group]);

@@ -21,7 +21,7 @@ template <class T> void store_vector(T* to, Vector<T> values) { std::memcpy(to, 
 // use, as a part of the instruction, which is more reading than a core has time for.
 template <class U> void keep_in_register(U& value) {
 #if defined(__x86_64__)
-    asm("" : "+x"(value));
+    asm("" : "+v"(value));
 #else
     (void)value;
 #endif
@@ -31,8 +31,8 @@ template <class U> void keep_in_register(U& value) {
 // with the strides (row, step), so that it may be a transpose. On its own: as a part of a large function it would not
 // find enough registers.
 template <class T, int ROWS, int COLUMNS>
-__attribute__((noinline)) void product_tile(const T* x, int row, int step, const T* w, int w_row, int count, const T* start, int start_row, T* y,
-                  int y_row) {
+__attribute__((noinline)) void product_tile(const T* x, int row, int step, const T* w, int w_row, int count,
+                                            const T* start, int start_row, T* y, int y_row) {
     Vector<T> sum[ROWS][COLUMNS];
 #pragma GCC unroll 8
     for (int r = 0; r < ROWS; r++)
