@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from pcnclaws.errors import UserError
-from pcnclaws.results_page.estimation import estimation_page
+from pcnclaws.results_page.estimation import estimates, estimation_page
+from pcnclaws.results_page.searches import compared_searches, searches_picture
 
 NU = "\N{GREEK SMALL LETTER NU}"
 
@@ -53,6 +54,22 @@ def test_markers_that_know_no_truth_are_judged_by_what_the_others_know(tmp_path:
         estimation_page(tmp_path)
     (folder / "analytic.json").write_text(document(1.8e5, (1.79e5, 1.81e5)))
     assert "| analytic law, 100 markers | 2 of 2 |" in estimation_page(tmp_path)
+
+
+def test_objects_searched_for_in_both_ways_are_drawn_beside_each_other(tmp_path: Path) -> None:
+    for name, ways in (("elasticity_1", ("pretrained_unscreened", "adam")), ("elasticity_2", ("adam",))):
+        (tmp_path / name).mkdir()
+        for way in ways:
+            values = json.loads(document(1.8e5, (1.7e5, 1.9e5)))
+            values["history"] = [{"values": [5e4, 0.02], "mse": 1e-3}, {"values": [1.8e5, 0.128], "mse": 1e-9}]
+            (tmp_path / name / f"{way}.json").write_text(json.dumps(values))
+    searches = compared_searches(estimates(tmp_path))
+    assert list(searches) == ["elasticity_1"]
+    picture = searches_picture(searches, tmp_path / "searches.png")
+    assert picture.stat().st_size > 1000
+    assert "estimation_searches.png" in estimation_page(tmp_path)
+    (tmp_path / "elasticity_1" / "adam.json").unlink()
+    assert "estimation_searches.png" not in estimation_page(tmp_path)
 
 
 def test_the_coverage_of_random_objects_is_counted(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from pcnclaws.data.atomic import replaced_file
 from pcnclaws.errors import UserError
 from pcnclaws.results_page.cells import table
 from pcnclaws.results_page.documents import Document, read_document
+from pcnclaws.results_page.searches import compared_searches, searches_picture
 
 WAYS = {
     "analytic": "analytic law",
@@ -73,15 +74,30 @@ were measured alone, most others beside one to three other processes on two core
 them missing; start velocity and spin are estimated along. *Of a finer simulation*: the motion was simulated with half
 the time step, half the grid spacing and eight times the particles, and is explained with the usual ones."""
 
+PICTURE = "estimation_searches.png"
+SEARCHES = f"""\
+## Gauss-Newton and Adam
 
-def estimation_page(folder: Path) -> str:
-    """The page in Markdown; UserError for a folder without results."""
+The error over the iterations, with the neural laws and without screening. Adam has 150 iterations; where they were too
+few, the result says so, and its intervals reach to the minimum that it was on its way to.
+
+![Searches](images/{PICTURE})"""
+
+
+def estimates(folder: Path) -> dict[str, dict[str, Document]]:
+    """The results by object and way; UserError for a folder without any."""
     found = {path: read_document(path, "parameters", "estimate") for path in sorted(folder.glob("*/*.json"))}
     if not found:
         raise UserError(f"{folder}: holds no results; accepted: a folder of <object>/<way>.json")
     by_object: dict[str, dict[str, Document]] = {}
     for path, values in found.items():
         by_object.setdefault(path.parent.name, {})[path.stem] = values
+    return by_object
+
+
+def estimation_page(folder: Path) -> str:
+    """The page in Markdown; UserError for a folder without results."""
+    by_object = estimates(folder)
     truths = {name: _truth(name, ways) for name, ways in by_object.items()}
     paper = [name for name in by_object if name not in TRUTHS]
     parts = [
@@ -89,6 +105,7 @@ def estimation_page(folder: Path) -> str:
         INTRODUCTION,
         _summary({name: by_object[name] for name in paper}, truths),
         *_coverage(folder),
+        *([SEARCHES] if compared_searches(by_object) else []),
         *(_object(name, by_object[name], truths[name]) for name in [*paper, *(n for n in TRUTHS if n in by_object)]),
     ]
     return "\n\n".join(parts) + "\n"
@@ -207,6 +224,8 @@ def main() -> None:
     with replaced_file(output) as unfinished:
         unfinished.write_text(text, encoding="utf-8")
     print(f"wrote {output}")
+    if searches := compared_searches(estimates(folder)):
+        print(f"wrote {searches_picture(searches, output.parent / 'images' / PICTURE)}")
 
 
 if __name__ == "__main__":
