@@ -68,7 +68,7 @@ the estimate with its 95 % interval; the truth is simulated with the analytic la
 JSON files in [results/estimation](results/estimation), which hold command, hardware, versions and commit. The neural
 laws are those that ship; the nine objects are in none of their training data. The seconds are those of the whole
 command on one thread, and depend on what else the machine did: those of the neural law with and without screening
-were measured alone, most others beside one to three other processes on two cores.
+were measured alone but for sand 2 and 3, most others beside one to three other processes on two cores.
 
 *Markers* are 100 particles of the surface, seen in every 50th step, each coordinate with a noise of 1 mm, a tenth of
 them missing; start velocity and spin are estimated along. *Of a finer simulation*: the motion was simulated with half

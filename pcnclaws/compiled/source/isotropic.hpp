@@ -364,7 +364,7 @@ void law_adjoint(const LawInput<T>& in, const T* incoming, T* gradient, T* param
     });
     for (int l = 0; l < LAYERS && !sums.empty(); l++) {
         const int from = in.weights->sizes[l], to = in.weights->sizes[l + 1];
-        const int padded = (from + LANES<T> - 1) / LANES<T> * LANES<T>;
+        const int padded = padded_size<T>(from);
         for (int o = 0; o < to; o++) {
             T total = 0;
             for (auto& sum : sums) total += sum.b[l][o];

@@ -61,6 +61,11 @@ __attribute__((noinline)) void product_tile(const T* x, int row, int step, const
 
 // The whole product: `rows` a multiple of ROWS, `columns` a multiple of the lanes.
 constexpr int ROWS = 8;
+// Sizes of layers are rounded up to whole vectors and whole tiles.
+template <class T> constexpr int padded_size(int size) {
+    constexpr int unit = LANES<T> > ROWS ? LANES<T> : ROWS;
+    return (size + unit - 1) / unit * unit;
+}
 constexpr int WIDE_ROWS = BYTES == 64 ? 8 : 4;  // the sums stay in registers: 32 of 64 bytes, or 16 narrower ones
 template <class T>
 void product(int rows, int columns, int count, const T* x, int row, int step, const T* w, const T* start, int start_row,
@@ -162,7 +167,7 @@ template <class T> struct PackedWeights {
     explicit PackedWeights(const Weights<T>& weights) {
         for (int l = 0; l <= LAYERS; l++) {
             sizes[l] = weights.sizes[l];
-            padded[l] = (sizes[l] + LANES<T> - 1) / LANES<T> * LANES<T>;
+            padded[l] = padded_size<T>(sizes[l]);
         }
         for (int l = 0; l < LAYERS; l++) {
             const int from = sizes[l], to = sizes[l + 1];
@@ -179,12 +184,12 @@ template <class T> struct PackedWeights {
     }
 };
 
-// Gradients of the weights, padded, (to rounded up to ROWS, padded from) a layer.
+// Gradients of the weights, (padded to, padded from) a layer.
 template <class T> struct WeightGradients {
     std::vector<T> w[LAYERS], b[LAYERS];
     explicit WeightGradients(const PackedWeights<T>& weights) {
         for (int l = 0; l < LAYERS; l++) {
-            w[l].assign(size_t((weights.sizes[l + 1] + ROWS - 1) / ROWS * ROWS) * weights.padded[l], T(0));
+            w[l].assign(size_t(weights.padded[l + 1]) * weights.padded[l], T(0));
             b[l].assign(weights.padded[l + 1], T(0));
         }
     }
@@ -234,8 +239,7 @@ template <class T> struct NetworkBlock {
         for (int l = LAYERS - 1; l >= 0; l--) {
             const int from = weights.padded[l], to = weights.padded[l + 1];
             if (wanted) {
-                const int rows = (weights.sizes[l + 1] + ROWS - 1) / ROWS * ROWS;
-                product(rows, from, BLOCK, gradient[l + 1].data(), 1, to, unit[l].data(), wanted->w[l].data(), from,
+                product(to, from, BLOCK, gradient[l + 1].data(), 1, to, unit[l].data(), wanted->w[l].data(), from,
                         wanted->w[l].data());
                 for (int o = 0; o < to; o += LANES<T>) {
                     Vector<T> sum = load_vector(wanted->b[l].data() + o);
