@@ -1,16 +1,14 @@
-"""Steps on a GPU, fused by PyTorch's compiler and recorded as CUDA graphs.
+"""Steps on a GPU, recorded as CUDA graphs.
 
-The step of a small scene is some two hundred operations that take microseconds each: launched one by one from Python
-they take several times longer than the GPU needs for them. The mathematics is that of Simulator, unchanged.
+A step of the kernels is some ten operations, one of PyTorch some two hundred, that take microseconds each: launched one
+by one from Python they take several times longer than the GPU needs for them. The mathematics is that of Simulator,
+unchanged.
 """
 
 import copy
-import importlib.util
-import logging
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import torch
@@ -18,22 +16,16 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from pcnclaws.backend import configured_backend
-from pcnclaws.compiled.build import find_compiler
 from pcnclaws.compiled.kernels import in_forward_mode, in_function_transform
+from pcnclaws.laws.base import FixedParameters
 from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.simulator import SCENE_FIELDS, STATE_FIELDS, Simulator, batch_from
+from pcnclaws.simulator import SCENE_FIELDS, STATE_FIELDS, Simulator
 from pcnclaws.tensor_types import Parameters, ParticleMask
-
-log = logging.getLogger(__name__)
 
 # Recordings kept for each simulator: one holds the memory of a step.
 MOST_RECORDINGS = 8
-# PyTorch compiles again for another material or setting, and refuses after a few times by default.
-MOST_COMPILATIONS = 256
-WARM_UP = 2  # steps before the recording, in which PyTorch compiles and libraries take their memory
-
-StepFunction = Callable[[Simulator, ParticleState, Scenes, dict[str, Tensor]], tuple[Tensor, ...]]
+WARM_UP = 2  # steps before the recording, in which kernels are compiled and libraries take their memory
 
 
 def records_steps(state: ParticleState, scenes: Scenes) -> bool:
@@ -50,8 +42,8 @@ def advanced(
     simulator: Simulator, state: ParticleState, scenes: Scenes, parameters: Parameters, count: int
 ) -> tuple[ParticleState, ParticleMask]:
     """The state `count` steps later without a graph, and which particles failed on the way."""
-    graphs = _graphs_for(simulator, state, scenes, parameters, ())
-    return graphs.advance(state, count)
+    batch = _Batch(state, scenes, *_law_inputs(simulator, state, parameters))
+    return _graphs_for(simulator, batch, ()).advance(state, count)
 
 
 def differentiable_steps(
@@ -61,21 +53,51 @@ def differentiable_steps(
 
     Gradients reach the state, the parameters and the weights of the laws.
     """
-    names, weights = tuple(parameters), simulator.trained_weights()
-    fields = (*state, *scenes, *(parameters[name] for name in names))
-    return ParticleState(*_Steps.apply(simulator, names, count, *fields, *weights))
+    names, inputs = _law_inputs(simulator, state, parameters)
+    tensors = (*state, *scenes, *inputs, *simulator.trained_weights())
+    return ParticleState(*_Steps.apply(simulator, names, len(inputs), count, *tensors))
+
+
+class _Batch(NamedTuple):
+    """What steps are computed of.
+
+    names   of the parameters that the laws take, None where they have kernels
+    inputs  those parameters; or of each law the rows that its kernel reads
+    """
+
+    state: ParticleState
+    scenes: Scenes
+    names: tuple[str, ...] | None
+    inputs: Sequence[Tensor]
+
+
+def _law_inputs(
+    simulator: Simulator, state: ParticleState, parameters: Parameters
+) -> tuple[tuple[str, ...] | None, list[Tensor]]:
+    """Names and inputs of _Batch: what kernels read of the parameters is computed and differentiated once."""
+    if not simulator.runs_compiled(state):
+        return tuple(parameters), list(parameters.values())
+    particles = state.position.shape[1]
+    return None, [law.kernel_rows(parameters).expand(-1, particles).contiguous() for law in simulator.laws]
+
+
+def _parameters_of(simulator: Simulator, names: tuple[str, ...] | None, inputs: Sequence[Tensor]) -> Parameters:
+    if names is None:
+        return FixedParameters.of_rows(dict(zip(simulator.laws, inputs, strict=True)))
+    return dict(zip(names, inputs, strict=True))
 
 
 class _Steps(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx: Any, simulator: Simulator, names: tuple[str, ...], count: int, *tensors: Tensor
+        ctx: Any, simulator: Simulator, names: tuple[str, ...] | None, inputs: int, count: int, *tensors: Tensor
     ) -> tuple[Tensor, ...]:
-        state, scenes, parameters = batch_from(tensors, names)
-        needed = ctx.needs_input_grad[3 + STATE_FIELDS + SCENE_FIELDS :]
-        graphs = _graphs_for(simulator, state, scenes, parameters, needed)
-        ctx.simulator, ctx.names, ctx.needed = simulator, names, needed
-        ctx.save_for_backward(*tensors[: STATE_FIELDS + SCENE_FIELDS + len(names)], graphs.history(state, count))
+        ctx.needed = ctx.needs_input_grad[4 + STATE_FIELDS + SCENE_FIELDS :]
+        ctx.simulator, ctx.names = simulator, names
+        kept = tensors[: STATE_FIELDS + SCENE_FIELDS + inputs]
+        batch = _batch_from(names, kept)
+        graphs = _graphs_for(simulator, batch, ctx.needed)
+        ctx.save_for_backward(*kept, graphs.history(batch.state, count))
         return tuple(graphs.result())
 
     @staticmethod
@@ -83,16 +105,21 @@ class _Steps(torch.autograd.Function):
     def backward(  # pyright: ignore[reportIncompatibleMethodOverride]  # the decorator is untyped
         ctx: Any, *gradients: Tensor
     ) -> tuple[Tensor | None, ...]:
-        *tensors, history = ctx.saved_tensors
-        graphs = _graphs_for(ctx.simulator, *batch_from(tensors, ctx.names), ctx.needed)
+        *kept, history = ctx.saved_tensors
+        graphs = _graphs_for(ctx.simulator, _batch_from(ctx.names, kept), ctx.needed)
         of_state, of_others = graphs.pull_back(history, gradients)
         found = iter(of_others)
         return (
-            *(None, None, None),
+            *(None, None, None, None),
             *of_state,
             *(None for _ in range(SCENE_FIELDS)),
             *(next(found) if need else None for need in ctx.needed),
         )
+
+
+def _batch_from(names: tuple[str, ...] | None, tensors: Sequence[Tensor]) -> _Batch:
+    state, others = tensors[:STATE_FIELDS], tensors[STATE_FIELDS:]
+    return _Batch(ParticleState(*state), Scenes(*others[:SCENE_FIELDS]), names, others[SCENE_FIELDS:])
 
 
 class _Packed:
@@ -111,34 +138,25 @@ class _StepGraphs:
     needed  which of the parameters and then of the weights are differentiated; none of them: forward steps alone
     """
 
-    def __init__(
-        self,
-        simulator: Simulator,
-        state: ParticleState,
-        scenes: Scenes,
-        parameters: Parameters,
-        needed: Sequence[bool],
-    ) -> None:
-        self._simulator = _twin(simulator)
+    def __init__(self, simulator: Simulator, batch: _Batch, needed: Sequence[bool]) -> None:
+        self._simulator, self._names = _twin(simulator), batch.names
         # what the recorded operations read and write: their addresses are part of the recording
-        self._state = _Packed(state)
-        self._scenes = Scenes(*(field.clone() for field in scenes))
-        self._parameters = {name: values.detach().clone() for name, values in parameters.items()}
-        self._failed = torch.zeros_like(scenes.scene_index, dtype=torch.bool)
-        self._step = _step_function()
+        self._state = _Packed(batch.state)
+        self._scenes = Scenes(*(field.clone() for field in batch.scenes))
+        self._inputs = [values.detach().clone() for values in batch.inputs]
+        self._failed = torch.zeros_like(batch.scenes.scene_index, dtype=torch.bool)
         self._forward = _recorded(self._step_forward)
         self._backward: torch.cuda.CUDAGraph | None = None
         if needed:
-            weights = self._simulator.trained_weights()
-            others = [*self._parameters.values(), *weights]
-            self._gradient, self._needed = _Packed(state), needed
+            others = [*self._inputs, *self._simulator.trained_weights()]
+            self._gradient, self._needed = _Packed(batch.state), needed
             self._sums = _Packed([tensor for tensor, need in zip(others, needed, strict=True) if need])
-            self._load(state)
+            self._load(batch.state)
             self._backward = _recorded(self._step_backward)
 
-    def take(self, scenes: Scenes, parameters: Parameters) -> None:
+    def take(self, batch: _Batch) -> None:
         """The batch that the next steps are of."""
-        _copy([*self._scenes, *self._parameters.values()], [*scenes, *parameters.values()])
+        _copy([*self._scenes, *self._inputs], [*batch.scenes, *batch.inputs])
 
     def advance(self, state: ParticleState, count: int) -> tuple[ParticleState, ParticleMask]:
         """The state `count` steps later, and which particles failed on the way."""
@@ -177,21 +195,22 @@ class _StepGraphs:
 
     @torch.no_grad()
     def _step_forward(self) -> None:
-        state = ParticleState(*self._state.parts)
-        after = ParticleState(*self._step(self._simulator, state, self._scenes, self._parameters))
+        after = self._step(ParticleState(*self._state.parts), self._inputs)
         self._failed.logical_or_(failing_particles(after))
         _copy(self._state.parts, after)
 
+    def _step(self, state: ParticleState, inputs: Sequence[Tensor]) -> ParticleState:
+        return self._simulator(state, self._scenes, _parameters_of(self._simulator, self._names, inputs))
+
     def _step_backward(self) -> None:
         fields = [field.detach().requires_grad_() for field in self._state.parts]
-        parameters = {
-            name: values.detach().requires_grad_(need)
-            for (name, values), need in zip(self._parameters.items(), self._needed, strict=False)
-        }
-        others = [*parameters.values(), *self._simulator.trained_weights()]
+        inputs = [
+            values.detach().requires_grad_(need) for values, need in zip(self._inputs, self._needed, strict=False)
+        ]
+        others = [*inputs, *self._simulator.trained_weights()]
         wanted = [*fields, *(tensor for tensor, need in zip(others, self._needed, strict=True) if need)]
         with torch.enable_grad():
-            after = self._step(self._simulator, ParticleState(*fields), self._scenes, parameters)
+            after = self._step(ParticleState(*fields), inputs)
         found = torch.autograd.grad(after, wanted, self._gradient.parts, allow_unused=True, materialize_grads=True)
         with torch.no_grad():
             _copy(self._gradient.parts, found[:STATE_FIELDS])
@@ -213,45 +232,21 @@ def _twin(simulator: Simulator) -> Simulator:
 _kept: WeakKeyDictionary[Simulator, OrderedDict[Any, _StepGraphs]] = WeakKeyDictionary()
 
 
-def _graphs_for(
-    simulator: Simulator, state: ParticleState, scenes: Scenes, parameters: Parameters, needed: Sequence[bool]
-) -> _StepGraphs:
+def _graphs_for(simulator: Simulator, batch: _Batch, needed: Sequence[bool]) -> _StepGraphs:
     """A recording for this batch, made now or kept from one of the same shape."""
     recordings = _kept.setdefault(simulator, OrderedDict())
     addresses = tuple(tensor.data_ptr() for tensor in (*simulator.parameters(), *simulator.buffers()))
-    shape = state.position.shape[1], scenes.scene_count, state.position.dtype, state.position.device
-    key = (shape, tuple(parameters), tuple(needed), addresses)
+    position = batch.state.position
+    shape = position.shape[1], batch.scenes.scene_count, position.dtype, position.device
+    key = (shape, batch.names, tuple(needed), addresses)
     if key in recordings:
         recordings.move_to_end(key)
-        recordings[key].take(scenes, parameters)
+        recordings[key].take(batch)
     else:
-        recordings[key] = _StepGraphs(simulator, state, scenes, parameters, needed)
+        recordings[key] = _StepGraphs(simulator, batch, needed)
         if len(recordings) > MOST_RECORDINGS:
             recordings.popitem(last=False)
     return recordings[key]
-
-
-@cache
-def _step_function() -> StepFunction:
-    """Simulator.forward, its operations fused into few where PyTorch's compiler can work."""
-    if importlib.util.find_spec("triton") is None or find_compiler() is None:
-        log.warning("Triton or a C++ compiler is missing: the operations of a step are not fused, which is slower")
-        return _step
-    log.warning(
-        "compiling the step for this GPU: once for each law, which takes a while, less in later runs "
-        "(simulation.backend=torch goes without)"
-    )
-    dynamo = torch._dynamo.config
-    dynamo.recompile_limit = max(dynamo.recompile_limit, MOST_COMPILATIONS)
-    dynamo.accumulated_recompile_limit = max(dynamo.accumulated_recompile_limit, MOST_COMPILATIONS)
-    # one compilation serves every number of particles
-    return torch.compile(_step, dynamic=True, fullgraph=True)
-
-
-def _step(
-    simulator: Simulator, state: ParticleState, scenes: Scenes, parameters: dict[str, Tensor]
-) -> tuple[Tensor, ...]:
-    return tuple(simulator(state, scenes, parameters))
 
 
 def _recorded(work: Callable[[], None]) -> torch.cuda.CUDAGraph:

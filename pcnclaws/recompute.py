@@ -1,5 +1,6 @@
 """A simulation step that remembers its inputs instead of its graph."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -7,7 +8,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.simulator import SCENE_FIELDS, STATE_FIELDS, Simulator, batch_from
+from pcnclaws.simulator import SCENE_FIELDS, STATE_FIELDS, Simulator
 from pcnclaws.tensor_types import Parameters
 
 
@@ -46,5 +47,7 @@ class _RecomputedStep(torch.autograd.Function):
         return (None, None, *(next(found) if need else None for need in needed))
 
 
-def _step(simulator: Simulator, names: tuple[str, ...], tensors: Any) -> ParticleState:
-    return simulator(*batch_from(tensors, names))
+def _step(simulator: Simulator, names: tuple[str, ...], tensors: Sequence[Tensor]) -> ParticleState:
+    state, others = tensors[:STATE_FIELDS], tensors[STATE_FIELDS:]
+    parameters = dict(zip(names, others[SCENE_FIELDS:], strict=False))
+    return simulator(ParticleState(*state), Scenes(*others[:SCENE_FIELDS]), parameters)

@@ -1,12 +1,12 @@
 """The only place where the physics of motion and the physics of material meet."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 
 from torch import Tensor, nn
 
 from pcnclaws.compiled.kernels import kernels_serve
-from pcnclaws.laws.base import Elasticity, FixedParameters, Plasticity
+from pcnclaws.laws.base import Elasticity, FixedParameters, Law, Plasticity
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.tensor_types import Parameters
@@ -36,14 +36,18 @@ class Simulator(nn.Module):
         after_flow = self.plasticity(trial.deformation, parameters)
         return ParticleState(trial.position, trial.velocity, trial.affine, after_flow)
 
+    @property
+    def laws(self) -> list[Law]:
+        """The elastic law, and the plastic law where there is one."""
+        return [self.elasticity] if self.plasticity is None else [self.elasticity, self.plasticity]
+
     def trained_weights(self) -> list[Tensor]:
         """The weights of the laws that are differentiated."""
         return [weight for weight in self.parameters() if weight.requires_grad]
 
     def runs_compiled(self, state: ParticleState) -> bool:
         """Whether every part of a step from this state is a compiled kernel, whose graph is no more than its inputs."""
-        laws = [self.elasticity, *([] if self.plasticity is None else [self.plasticity])]
-        return all(law.kernel is not None for law in laws) and kernels_serve(state.position)
+        return all(law.kernel is not None for law in self.laws) and kernels_serve(state.position)
 
     def step_function(self, scenes: Scenes, parameters: Parameters, one_graph: bool = False) -> Step:
         """The step as a function of the state alone; the parameters must not be changed in place meanwhile.
@@ -52,10 +56,3 @@ class Simulator(nn.Module):
                    and differentiated once
         """
         return partial(self.forward, scenes=scenes, parameters=FixedParameters(parameters, one_graph))
-
-
-def batch_from(tensors: Sequence[Tensor], names: Sequence[str]) -> tuple[ParticleState, Scenes, dict[str, Tensor]]:
-    """State, scenes and parameters of these names from one sequence of all their tensors, in this order."""
-    state, others = tensors[:STATE_FIELDS], tensors[STATE_FIELDS:]
-    parameters = dict(zip(names, others[SCENE_FIELDS:], strict=False))
-    return ParticleState(*state), Scenes(*others[:SCENE_FIELDS]), parameters

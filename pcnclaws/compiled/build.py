@@ -84,7 +84,7 @@ def _library_file(compiler: Sequence[str]) -> Path:
     key = hashlib.sha256("\n".join(parts).encode())
     for source in sources:
         key.update(source.read_bytes())
-    folder = _writable(cache_folder())
+    folder = writable(cache_folder())
     library = folder / f"kernels-{key.hexdigest()[:20]}.so"
     with FileLock(folder / "kernels.lock"):
         if not library.exists():
@@ -154,7 +154,7 @@ def _temporary() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix="pcnclaws-")
 
 
-def _writable(folder: Path) -> Path:
+def writable(folder: Path) -> Path:
     """The folder, made if need be; a temporary one for this process where it cannot be written or is another user's."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -5,6 +5,7 @@ import ctypes
 import torch
 from torch import Tensor
 
+from pcnclaws.compiled import gpu
 from pcnclaws.compiled.kernels import address, call
 from pcnclaws.tensor_types import ParticleMask
 
@@ -15,9 +16,11 @@ def failing(position: Tensor, deformation: Tensor) -> ParticleMask:
     position     [m], (3, particles)
     deformation  F [-], (3, 3, particles)
     """
+    position, deformation = position.contiguous(), deformation.contiguous()
+    if position.is_cuda:
+        return gpu.failing(position, deformation)
     count = position.shape[1]
     failed = torch.empty(count, dtype=torch.bool)
-    position, deformation = position.contiguous(), deformation.contiguous()
     size = ctypes.byref(ctypes.c_int64(count))
     call("failing", position.dtype, size, address(position), address(deformation), address(failed))
     return failed

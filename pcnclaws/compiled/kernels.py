@@ -11,6 +11,7 @@ from torch.autograd import forward_ad
 
 from pcnclaws.backend import configured_backend
 from pcnclaws.compiled.build import kernel_library
+from pcnclaws.compiled.gpu_build import gpu_serves
 from pcnclaws.errors import UserError
 
 SUFFIXES = {torch.float32: "float32", torch.float64: "float64"}
@@ -23,8 +24,9 @@ def kernels_serve(
 ) -> bool:
     """Whether the kernels compute with these tensors now.
 
-    They do on the CPU, in single and double precision, unless simulation.backend=torch, a function transform or a
-    compiler of PyTorch is at work, or a derivative is asked for that they do not have.
+    They do on the CPU and on a GPU, in single and double precision, unless simulation.backend=torch, a function
+    transform or a compiler of PyTorch is at work, or a derivative is asked for that they do not have: forward mode on a
+    GPU, for one.
 
     state      any field of the state
     inputs     what else enters and has derivatives
@@ -32,7 +34,7 @@ def kernels_serve(
     weights    what has none in forward mode
     raises     UserError for simulation.backend=compiled where the kernels cannot be compiled
     """
-    if configured_backend() == "torch" or state.device.type != "cpu" or state.dtype not in SUFFIXES:
+    if configured_backend() == "torch" or state.device.type not in ("cpu", "cuda") or state.dtype not in SUFFIXES:
         return False
     if torch.compiler.is_compiling() or in_function_transform():
         return False
@@ -41,6 +43,8 @@ def kernels_serve(
         return False  # PyTorch has its say
     if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in constants):
         return False
+    if state.is_cuda:
+        return not in_forward_mode() and gpu_serves()
     if in_forward_mode() and not _has_forward_mode(everything, (*constants, *weights)):
         return False
     if kernel_library() is None:

@@ -1,4 +1,4 @@
-"""Isotropic laws as kernels, differentiable in both modes.
+"""Isotropic laws as kernels, differentiable in both modes, on a GPU in reverse mode alone.
 
 The lines of each law stand in source/laws.hpp, in principal axes; its derivatives follow from them by dual numbers.
 """
@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from pcnclaws.compiled import gpu
 from pcnclaws.compiled.kernels import (
     address,
     addresses,
@@ -18,6 +19,7 @@ from pcnclaws.compiled.kernels import (
     derivatives_wanted,
     require_first_derivative,
 )
+from pcnclaws.compiled.structures import LAYERS, LawInput, Weights
 
 # in the order of `with_law` in source/kernels.cpp
 LAWS = (
@@ -32,25 +34,6 @@ LAWS = (
     "NoPriorElasticNet",
     "FreeFlowPlasticNet",
 )
-LAYERS = 3
-
-
-class _Weights(ctypes.Structure):
-    _fields_ = (
-        ("weights", ctypes.c_void_p * LAYERS),
-        ("biases", ctypes.c_void_p * LAYERS),
-        ("sizes", ctypes.c_int * (LAYERS + 1)),
-    )
-
-
-class _LawInput(ctypes.Structure):
-    _fields_ = (
-        ("particles", ctypes.c_int64),
-        ("deformation", ctypes.c_void_p),
-        ("parameters", ctypes.c_void_p),
-        ("rows", ctypes.c_int),
-        ("weights", ctypes.c_void_p),
-    )
 
 
 def isotropic_law(law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor] = ()) -> Tensor:
@@ -68,17 +51,19 @@ def isotropic_law(law: str, deformation: Tensor, parameters: Tensor, weights: Se
 
 
 def _evaluated(law: int, deformation: Tensor, parameters: Tensor, *weights: Tensor) -> Tensor:
+    if deformation.is_cuda:
+        return gpu.law_forward(LAWS[law], deformation, parameters, weights)
     result = torch.empty_like(deformation)
     law_input, _kept = _described(deformation, parameters, weights)
     call("law_forward", deformation.dtype, law, ctypes.byref(law_input), address(result))
     return result
 
 
-def _described(deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> tuple[_LawInput, Any]:
+def _described(deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> tuple[LawInput, Any]:
     """The kernel's input, and what must stay alive while it runs."""
     network = None
     if weights:
-        network = _Weights()
+        network = Weights()
         for layer in range(LAYERS):
             network.weights[layer] = weights[layer].data_ptr()
             network.biases[layer] = weights[LAYERS + layer].data_ptr()
@@ -88,7 +73,7 @@ def _described(deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor
     particles = deformation.shape[2]
     rows = parameters.shape[0]
     arrays = deformation.data_ptr(), parameters.data_ptr()
-    return _LawInput(particles, *arrays, rows, pointer), network
+    return LawInput(particles, *arrays, rows, pointer), network
 
 
 class _Law(torch.autograd.Function):
@@ -109,10 +94,14 @@ class _Law(torch.autograd.Function):
     ) -> tuple[Tensor | None, ...]:
         require_first_derivative()
         deformation, parameters, *weights = ctx.saved_tensors
-        incoming = incoming.contiguous()
+        incoming, none = incoming.contiguous(), [None] * len(weights)
+        wanted = ctx.needs_input_grad[3], any(ctx.needs_input_grad[4:])
+        if deformation.is_cuda:
+            found = gpu.law_adjoint(LAWS[ctx.law], deformation, parameters, weights, incoming, wanted)
+            return (None, None, found.deformation, found.parameters, *(found.weights or none))
         gradient = torch.empty_like(deformation)
-        of_parameters = torch.empty_like(parameters) if ctx.needs_input_grad[3] else None
-        of_weights = [torch.empty_like(weight) for weight in weights] if any(ctx.needs_input_grad[4:]) else []
+        of_parameters = torch.empty_like(parameters) if wanted[0] else None
+        of_weights = [torch.empty_like(weight) for weight in weights] if wanted[1] else []
         law_input, _kept = _described(deformation, parameters, weights)
         call(
             "law_adjoint",
@@ -124,7 +113,7 @@ class _Law(torch.autograd.Function):
             address(of_parameters),
             addresses(*of_weights) if of_weights else None,
         )
-        return (None, None, gradient, of_parameters, *(of_weights or [None] * len(weights)))
+        return (None, None, gradient, of_parameters, *(of_weights or none))
 
     @staticmethod
     def jvp(ctx: Any, *rates: Tensor | None) -> Tensor:  # pyright: ignore[reportIncompatibleMethodOverride]

@@ -1,4 +1,7 @@
-"""The MLS-MPM step of pcnclaws/mpm/integrator.py as one kernel, differentiable in both modes."""
+"""The MLS-MPM step of pcnclaws/mpm/integrator.py as one kernel, differentiable in both modes.
+
+On a GPU it is several, differentiable in reverse mode alone.
+"""
 
 import ctypes
 from dataclasses import dataclass
@@ -8,7 +11,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from pcnclaws.compiled import gpu
 from pcnclaws.compiled.kernels import addresses, call, carries_rates, derivatives_wanted, require_first_derivative
+from pcnclaws.compiled.structures import Bodies, Settings
 
 MoreTensors = tuple[Tensor | None, ...]
 
@@ -31,27 +36,6 @@ class StepSettings:
     walls: bytes
 
 
-class _Settings(ctypes.Structure):
-    _fields_ = (
-        ("time_step", ctypes.c_double),
-        ("nodes", ctypes.c_int64),
-        ("stick", ctypes.c_int64),
-        ("window", ctypes.c_int64),
-        ("walls", ctypes.c_char_p),
-    )
-
-
-class _Bodies(ctypes.Structure):
-    _fields_ = (
-        ("particles", ctypes.c_int64),
-        ("scenes", ctypes.c_int64),
-        ("scene", ctypes.c_void_p),
-        ("mass", ctypes.c_void_p),
-        ("volume", ctypes.c_void_p),
-        ("gravity", ctypes.c_void_p),
-    )
-
-
 def step(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
     """Position, velocity, affine and trial deformation one time step later.
 
@@ -69,19 +53,28 @@ def step(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor
 
 
 @cache
-def _settings(settings: StepSettings) -> _Settings:
-    return _Settings(settings.time_step, settings.nodes, settings.stick, settings.window, settings.walls)
+def _settings(settings: StepSettings) -> tuple[Settings, object]:
+    """What the kernels read, and what must stay alive with it."""
+    walls = ctypes.create_string_buffer(settings.walls, len(settings.walls))
+    numbers = settings.time_step, settings.nodes, settings.stick, settings.window
+    return Settings(*numbers, ctypes.addressof(walls)), walls
+
+
+def _on_gpu(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor, ...]) -> gpu.StepInput:
+    return gpu.StepInput(settings.time_step, settings.nodes, settings.stick, settings.walls, bodies, state)
 
 
 def _call(name: str, settings: StepSettings, bodies: tuple[Tensor, ...], *fields: tuple[Tensor, ...]) -> None:
     scene, mass, volume, gravity = bodies
     arrays = [tensor.data_ptr() for tensor in (scene, mass, volume, gravity)]
-    described = _Bodies(mass.numel(), gravity.shape[1], *arrays)
+    described = Bodies(mass.numel(), gravity.shape[1], *arrays)
     pointers = [addresses(*group) for group in fields]
-    call(name, mass.dtype, ctypes.byref(_settings(settings)), ctypes.byref(described), *pointers)
+    call(name, mass.dtype, ctypes.byref(_settings(settings)[0]), ctypes.byref(described), *pointers)
 
 
 def _stepped(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+    if state[0].is_cuda:
+        return gpu.step_forward(_on_gpu(settings, bodies, state))
     after = tuple(torch.empty_like(field) for field in state[:4])
     _call("step_forward", settings, bodies, state, after)
     return after
@@ -111,6 +104,9 @@ class _Step(torch.autograd.Function):
         saved = ctx.saved_tensors
         bodies, state, (velocity, affine) = saved[:4], saved[4:9], saved[9:]
         incoming = _contiguous(incoming)
+        if state[0].is_cuda:
+            gradient = gpu.step_adjoint(_on_gpu(ctx.settings, bodies, state), velocity, affine, incoming)
+            return (None, None, None, None, None, None, *gradient)
         gradient = tuple(torch.empty_like(field) for field in state)
         after = (velocity, velocity, affine)  # the kernel reads the second and the third
         _call("step_adjoint", ctx.settings, bodies, state, after, incoming, gradient)

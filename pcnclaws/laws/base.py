@@ -1,7 +1,7 @@
 """The two interfaces of material: a law is stateless, isotropic and knows neither scenes nor grid."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import torch
 from jaxtyping import Float
@@ -13,7 +13,7 @@ from pcnclaws.tensor_types import Matrices, Parameters
 
 
 class Law(nn.Module, ABC):
-    """What elasticity and plasticity share: they may have a kernel that computes the same, faster, on the CPU."""
+    """What elasticity and plasticity share: they may have a kernel that computes the same, faster."""
 
     parameter_names: tuple[str, ...]
     # the name of the law among pcnclaws.compiled.laws.LAWS, None without a kernel
@@ -65,6 +65,13 @@ class FixedParameters(dict[str, Tensor]):
         super().__init__(parameters)
         self._one_graph = one_graph
         self._rows: dict[Law, Tensor] = {}
+
+    @classmethod
+    def of_rows(cls, rows: Mapping[Law, Tensor]) -> "FixedParameters":
+        """Parameters of which nothing but Law.kernel_rows is known, for laws that have kernels."""
+        parameters = cls({}, one_graph=True)
+        parameters._rows = dict(rows)
+        return parameters
 
     def rows_of(self, law: Law) -> Tensor | None:
         """Law.kernel_rows, or None where the parameters are differentiated in backward passes of several graphs."""

@@ -1,314 +1,17 @@
-// A law on all particles: the map, its adjoint and its directional derivative, from the few lines in principal space.
-//
-// With b = F F^T = Q diag(b) Q^T a law is Y(b) = Q diag(y) Q^T. Its derivative in principal axes is that of y on the
-// diagonal and a divided difference of y off it.
+// A law on all particles: block after block.
 #pragma once
-#include <algorithm>
+#include <vector>
 
-#include "laws.hpp"
+#include "law_block.hpp"
 #include "network.hpp"
 #include "parallel.hpp"
-#include "spectral.hpp"
 
 namespace pcnclaws {
 
-constexpr int GROUPS = BLOCK / L;
-constexpr int TOGETHER = 4;     // groups whose principal axes are found in step
 constexpr int64_t TASK = 1024;  // particles of one task: the sum over tasks does not depend on the number of threads
-constexpr int MOST_ROWS = 8;    // of per-particle parameters
+static_assert(GROUPS * L == BLOCK, "a network's block of particles is that of a law");
 
-// L particles of one row of a component-first array; beyond the end the last particle is repeated.
-template <class T> V load(const T* row, int64_t first, int64_t end) {
-    typedef T Part __attribute__((vector_size(L * sizeof(T))));
-    Part part;
-    if (first + L <= end) {
-        std::memcpy(&part, row + first, sizeof part);
-    } else {
-        for (int l = 0; l < L; l++) part[l] = row[std::min<int64_t>(first + l, end - 1)];
-    }
-    return __builtin_convertvector(part, V);
-}
-template <class T> void store(T* row, int64_t first, int64_t end, V values) {
-    typedef T Part __attribute__((vector_size(L * sizeof(T))));
-    const Part part = __builtin_convertvector(values, Part);
-    if (first + L <= end) {
-        std::memcpy(row + first, &part, sizeof part);
-    } else {
-        for (int l = 0; first + l < end; l++) row[first + l] = part[l];
-    }
-}
-
-template <class T> struct LawInput {
-    int64_t particles;
-    const T* deformation;  // F, (9, particles)
-    const T* parameters;   // (rows, particles)
-    int rows;
-    const Weights<T>* weights;  // null without a network
-};
-
-// One block of up to BLOCK particles on its way through a law.
-template <class T, class Law> struct LawBlock {
-    static constexpr bool NETWORK = Law::FEATURES > 0;
-    // what a response depends on: strains, features, parameters, outputs of the network
-    static constexpr int FEATURES = 3, PARAMETERS = FEATURES + Law::FEATURES, OUTPUTS = PARAMETERS + Law::PARAMETERS,
-                         INPUTS = OUTPUTS + Law::OUTPUTS;
-
-    const LawInput<T>& in;
-    NetworkBlock<T>* network;
-    int64_t begin = 0, end = 0;
-    V f[GROUPS][3][3] = {};
-    Principal principal[GROUPS];
-    V p[GROUPS][MOST_ROWS];
-    V x[GROUPS][Law::FEATURES + 1];
-
-    LawBlock(const LawInput<T>& input, NetworkBlock<T>* block) : in(input), network(block) {}
-
-    int groups() const { return int((end - begin + L - 1) / L); }
-
-    // loads the particles, finds their principal axes and runs the network
-    template <bool SLOPE> void enter(int64_t first, int64_t last) {
-        begin = first;
-        end = last;
-        for (int group = 0; group < groups(); group++) {
-            const int64_t at = begin + group * L;
-            for (int k = 0; k < 9; k++) f[group][k / 3][k % 3] = load(in.deformation + k * in.particles, at, end);
-            for (int k = 0; k < in.rows; k++) p[group][k] = load(in.parameters + k * in.particles, at, end);
-        }
-        for (int group = 0; group < groups(); group += TOGETHER)
-            principal_axes<T, TOGETHER>(f + group, principal + group);
-        if constexpr (NETWORK) {
-            for (int group = 0; group < groups(); group++) {
-                Law::features(principal[group].strain, x[group]);
-                for (int k = 0; k < Law::FEATURES; k++) network->put(network->unit, 0, group * L, k, x[group][k]);
-                for (int k = Law::PARAMETERS; k < in.rows; k++)
-                    network->put(network->unit, 0, group * L, k - Law::PARAMETERS + Law::FEATURES, p[group][k]);
-            }
-            network->template forward<SLOPE>();
-        }
-    }
-
-    // what the response depends on, by number
-    V value_at(int group, int k) {
-        if (k < FEATURES) return principal[group].strain[k];
-        if (k < PARAMETERS) return x[group][k - FEATURES];
-        if (k < OUTPUTS) return p[group][k - PARAMETERS];
-        return network->get(network->unit, LAYERS, group * L, k - OUTPUTS);
-    }
-    // principal values y, of plain values or of values that make(k) differentiates
-    template <class S, class Make> void respond(S y[3], Make make) {
-        S in[INPUTS + 1];
-        for (int k = 0; k < INPUTS; k++) in[k] = make(k);
-        Law::respond(in, in + FEATURES, in + PARAMETERS, in + OUTPUTS, y);
-    }
-    void respond(int group, V y[3]) {
-        respond(y, [&](int k) { return value_at(group, k); });
-    }
-
-    // stress Q diag(y) Q^T, or F' = F + Q diag(e^y - 1) Q^T F, which is F to the last bit where y is 0
-    void leave(int group, const V y[3], T* result) const {
-        const Principal& axes = principal[group];
-        V stretch[3];
-        for (int k = 0; k < 3; k++) stretch[k] = Law::RETURN_MAP ? exponential(y[k]) - 1.0 : y[k];
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++) {
-                V sum = Law::RETURN_MAP ? f[group][i][j] : V{};
-                for (int k = 0; k < 3; k++)
-                    sum += axes.q[i][k] * stretch[k] * (Law::RETURN_MAP ? axes.g[k][j] : axes.q[j][k]);
-                store(result + (3 * i + j) * in.particles, begin + group * L, end, sum);
-            }
-    }
-
-    // eigenvalues of what multiplies: y, or e^y for a return map
-    static void eigenvalues(const V y[3], V value[3]) {
-        for (int i = 0; i < 3; i++) value[i] = Law::RETURN_MAP ? exponential(y[i]) : y[i];
-    }
-    void differences(int group, const V value[3], V off[3][3]) {
-        divided_differences(
-            principal[group], value,
-            [&](V slope[3][3]) {
-                Dual<3> y[3];
-                // at fixed features: what they add to one strain's slope, they add to the other's where the two meet
-                respond(y, [&](int k) {
-                    Dual<3> in = constant(value_at(group, k), Dual<3>{});
-                    if (k < FEATURES) in.rate[k] = splat(1.0);
-                    return in;
-                });
-                for (int i = 0; i < 3; i++)
-                    for (int j = 0; j < 3; j++) slope[i][j] = Law::RETURN_MAP ? value[i] * y[i].rate[j] : y[i].rate[j];
-            },
-            off);
-    }
-
-    // Adjoint: first(group) writes the gradients at the network's outputs, then network->backward(), then
-    // second(group).
-    struct Adjoint {
-        V wanted[3][3];          // gradient of the eigenvalue matrix in principal axes, symmetric
-        V strain[3];             // gradient of the principal strains
-        V x[Law::FEATURES + 1];  // gradient of the features, but for the way through the network
-        V off[3][3];             // divided differences
-        V multiplied[3][3];      // M^T times the incoming gradient, for a return map
-    };
-    // all in one function, so that the tape needs no calls
-    __attribute__((flatten)) void adjoint_first(int group, const T* incoming, Adjoint& a, T* parameter_gradient) {
-        const Principal& axes = principal[group];
-        V g[3][3], y_bar[3][3], y[3], value[3];
-        for (int k = 0; k < 9; k++) g[k / 3][k % 3] = load(incoming + k * in.particles, begin + group * L, end);
-        Tape tape;
-        Taped y_tape[3];
-        respond(y_tape, [&](int k) { return variable(value_at(group, k), tape); });
-        for (int k = 0; k < 3; k++) y[k] = y_tape[k].value;
-        eigenvalues(y, value);
-        for (int i = 0; i < 3; i++)
-            for (int k = 0; k < 3; k++) {
-                V sum{};
-                for (int j = 0; j < 3; j++) sum += g[i][j] * (Law::RETURN_MAP ? axes.g[k][j] : axes.q[j][k]);
-                y_bar[i][k] = sum;
-            }
-        V principal_bar[3][3];
-        for (int i = 0; i < 3; i++)
-            for (int k = 0; k < 3; k++)
-                principal_bar[i][k] =
-                    axes.q[0][i] * y_bar[0][k] + axes.q[1][i] * y_bar[1][k] + axes.q[2][i] * y_bar[2][k];
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++) a.wanted[i][j] = 0.5 * (principal_bar[i][j] + principal_bar[j][i]);
-        differences(group, value, a.off);
-        for (int i = 0; i < 3; i++)
-            tape.gradient[y_tape[i].entry] += a.wanted[i][i] * (Law::RETURN_MAP ? value[i] : splat(1.0));
-        tape.sweep();
-        const V* total = tape.gradient;  // the inputs are its first entries
-        for (int i = 0; i < 3; i++) a.strain[i] = total[i];
-        for (int k = 0; k < Law::FEATURES; k++) a.x[k] = total[FEATURES + k];
-        if (parameter_gradient)
-            for (int k = 0; k < Law::PARAMETERS; k++)
-                store(parameter_gradient + k * in.particles, begin + group * L, end, total[PARAMETERS + k]);
-        for (int k = 0; k < Law::OUTPUTS; k++)
-            network->put(network->gradient, LAYERS, group * L, k, total[OUTPUTS + k]);
-        if constexpr (Law::RETURN_MAP) {
-            // M g = Q diag(value) Q^T g
-            V turned[3][3];
-            for (int k = 0; k < 3; k++)
-                for (int j = 0; j < 3; j++)
-                    turned[k][j] =
-                        value[k] * (axes.q[0][k] * g[0][j] + axes.q[1][k] * g[1][j] + axes.q[2][k] * g[2][j]);
-            for (int i = 0; i < 3; i++)
-                for (int j = 0; j < 3; j++)
-                    a.multiplied[i][j] =
-                        axes.q[i][0] * turned[0][j] + axes.q[i][1] * turned[1][j] + axes.q[i][2] * turned[2][j];
-        }
-    }
-    void adjoint_second(int group, Adjoint& a, T* gradient, T* parameter_gradient) {
-        const Principal& axes = principal[group];
-        if constexpr (NETWORK) {
-            Tape tape;
-            Taped h[3], features[Law::FEATURES];
-            for (int k = 0; k < 3; k++) h[k] = variable(axes.strain[k], tape);
-            Law::features(h, features);
-            for (int k = 0; k < Law::FEATURES; k++)
-                tape.gradient[features[k].entry] += a.x[k] + network->get(network->gradient, 0, group * L, k);
-            tape.sweep();
-            for (int i = 0; i < 3; i++) a.strain[i] += tape.gradient[i];
-            if (parameter_gradient)
-                for (int k = Law::PARAMETERS; k < in.rows; k++)
-                    store(parameter_gradient + k * in.particles, begin + group * L, end,
-                          network->get(network->gradient, 0, group * L, k - Law::PARAMETERS + Law::FEATURES));
-        }
-        // gradient of b in principal axes, then 2 b_bar F = 2 Q (..) G
-        V turned[3][3];
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++) {
-                turned[i][j] = V{};
-                for (int k = 0; k < 3; k++)
-                    turned[i][j] +=
-                        (i == k ? a.strain[i] / axes.square[i] : 2.0 * a.wanted[i][k] * a.off[i][k]) * axes.g[k][j];
-            }
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++) {
-                V sum = Law::RETURN_MAP ? a.multiplied[i][j] : V{};
-                for (int k = 0; k < 3; k++) sum += axes.q[i][k] * turned[k][j];
-                store(gradient + (3 * i + j) * in.particles, begin + group * L, end, sum);
-            }
-    }
-
-    // Directional derivative: first(group) writes the rates at the network's inputs, then network->rates(), then
-    // second.
-    struct Rates {
-        V b[3][3];  // rate of b in principal axes
-        V strain[3];
-        V x[Law::FEATURES + 1];
-        V f[3][3];  // rate of F
-    };
-    void rates_first(int group, const T* deformation_rate, const T* parameter_rate, Rates& r) {
-        const Principal& axes = principal[group];
-        const int64_t at = begin + group * L;
-        for (int k = 0; k < 9; k++) r.f[k / 3][k % 3] = load(deformation_rate + k * in.particles, at, end);
-        V turned[3][3];
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                turned[i][j] = axes.q[0][i] * r.f[0][j] + axes.q[1][i] * r.f[1][j] + axes.q[2][i] * r.f[2][j];
-        V half[3][3];
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                half[i][j] = turned[i][0] * axes.g[j][0] + turned[i][1] * axes.g[j][1] + turned[i][2] * axes.g[j][2];
-        for (int i = 0; i < 3; i++) {
-            for (int j = 0; j < 3; j++) r.b[i][j] = half[i][j] + half[j][i];
-            r.strain[i] = 0.5 * r.b[i][i] / axes.square[i];
-        }
-        if constexpr (NETWORK) {
-            Dual<1> h[3], features[Law::FEATURES];
-            for (int k = 0; k < 3; k++) h[k] = {axes.strain[k], {r.strain[k]}};
-            Law::features(h, features);
-            for (int k = 0; k < Law::FEATURES; k++) {
-                r.x[k] = features[k].rate[0];
-                network->put(network->gradient, 0, group * L, k, r.x[k]);
-            }
-            for (int k = Law::PARAMETERS; k < in.rows; k++)
-                network->put(network->gradient, 0, group * L, k - Law::PARAMETERS + Law::FEATURES,
-                             load(parameter_rate + k * in.particles, at, end));
-        }
-    }
-    void rates_second(int group, const T* parameter_rate, const Rates& r, T* result, T* result_rate) {
-        const Principal& axes = principal[group];
-        const int64_t at = begin + group * L;
-        Dual<1> y[3];
-        respond(y, [&](int k) {
-            V rate;
-            if (k < FEATURES)
-                rate = r.strain[k];
-            else if (k < PARAMETERS)
-                rate = r.x[k - FEATURES];
-            else if (k < OUTPUTS)
-                rate = load(parameter_rate + (k - PARAMETERS) * in.particles, at, end);
-            else
-                rate = network->get(network->gradient, LAYERS, group * L, k - OUTPUTS);
-            return Dual<1>{value_at(group, k), {rate}};
-        });
-        V plain[3], value[3], off[3][3], change[3][3];
-        for (int k = 0; k < 3; k++) plain[k] = y[k].value;
-        leave(group, plain, result);
-        eigenvalues(plain, value);
-        differences(group, value, off);
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                change[i][j] =
-                    i != j ? r.b[i][j] * off[i][j] : y[i].rate[0] * (Law::RETURN_MAP ? value[i] : splat(1.0));
-        // Q change Q^T, or Q change Q^T F + M dF
-        V turned[3][3];
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++) {
-                V sum{};
-                for (int k = 0; k < 3; k++) sum += change[i][k] * (Law::RETURN_MAP ? axes.g[k][j] : axes.q[j][k]);
-                if (Law::RETURN_MAP)
-                    sum += value[i] * (axes.q[0][i] * r.f[0][j] + axes.q[1][i] * r.f[1][j] + axes.q[2][i] * r.f[2][j]);
-                turned[i][j] = sum;
-            }
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++) {
-                V sum{};
-                for (int k = 0; k < 3; k++) sum += axes.q[i][k] * turned[k][j];
-                store(result_rate + (3 * i + j) * in.particles, at, end, sum);
-            }
-    }
-};
+template <class T, class Law> using Blocks = LawBlock<T, Law, NetworkBlock<T>>;
 
 inline int64_t task_count(int64_t particles) { return (particles + TASK - 1) / TASK; }
 
@@ -320,7 +23,7 @@ void for_each_block(const LawInput<T>& in, int threads, Visit visit) {
     parallel_for(task_count(in.particles), threads, [&](int64_t task) {
         std::vector<NetworkBlock<T>> network;
         if (in.weights) network.emplace_back(packed[0]);
-        LawBlock<T, Law> block(in, in.weights ? &network[0] : nullptr);
+        Blocks<T, Law> block(in, in.weights ? &network[0] : nullptr);
         const int64_t last = std::min(in.particles, (task + 1) * TASK);
         for (int64_t first = task * TASK; first < last; first += BLOCK) {
             block.template enter<SLOPE>(first, std::min(first + BLOCK, last));
@@ -330,7 +33,7 @@ void for_each_block(const LawInput<T>& in, int threads, Visit visit) {
 }
 
 template <class T, class Law> void law_forward(const LawInput<T>& in, T* result, int threads) {
-    for_each_block<false, T, Law>(in, threads, [&](LawBlock<T, Law>& block, int64_t) {
+    for_each_block<false, T, Law>(in, threads, [&](Blocks<T, Law>& block, int64_t) {
         for (int group = 0; group < block.groups(); group++) {
             V y[3];
             block.respond(group, y);
@@ -346,13 +49,13 @@ void law_adjoint(const LawInput<T>& in, const T* incoming, T* gradient, T* param
     std::vector<WeightGradients<T>> sums;
     if (weight_gradients && in.weights)
         sums.assign(task_count(in.particles), WeightGradients<T>(PackedWeights<T>(*in.weights)));
-    for_each_block<true, T, Law>(in, threads, [&](LawBlock<T, Law>& block, int64_t task) {
-        typename LawBlock<T, Law>::Adjoint adjoint[GROUPS];
-        if constexpr (LawBlock<T, Law>::NETWORK)
+    for_each_block<true, T, Law>(in, threads, [&](Blocks<T, Law>& block, int64_t task) {
+        typename Blocks<T, Law>::Adjoint adjoint[GROUPS];
+        if constexpr (Blocks<T, Law>::NETWORK)
             std::fill(block.network->gradient[LAYERS].begin(), block.network->gradient[LAYERS].end(), T(0));
         for (int group = 0; group < block.groups(); group++)
             block.adjoint_first(group, incoming, adjoint[group], parameter_gradient);
-        if constexpr (LawBlock<T, Law>::NETWORK) {
+        if constexpr (Blocks<T, Law>::NETWORK) {
             // the last particle repeated beyond the end counts once
             T* end = block.network->gradient[LAYERS].data();
             const int stride = block.network->weights.padded[LAYERS];
@@ -381,11 +84,11 @@ void law_adjoint(const LawInput<T>& in, const T* incoming, T* gradient, T* param
 template <class T, class Law>
 void law_rates(const LawInput<T>& in, const T* deformation_rate, const T* parameter_rate, T* result, T* result_rate,
                int threads) {
-    for_each_block<true, T, Law>(in, threads, [&](LawBlock<T, Law>& block, int64_t) {
-        typename LawBlock<T, Law>::Rates rates[GROUPS];
+    for_each_block<true, T, Law>(in, threads, [&](Blocks<T, Law>& block, int64_t) {
+        typename Blocks<T, Law>::Rates rates[GROUPS];
         for (int group = 0; group < block.groups(); group++)
             block.rates_first(group, deformation_rate, parameter_rate, rates[group]);
-        if constexpr (LawBlock<T, Law>::NETWORK) block.network->rates();
+        if constexpr (Blocks<T, Law>::NETWORK) block.network->rates();
         for (int group = 0; group < block.groups(); group++)
             block.rates_second(group, parameter_rate, rates[group], result, result_rate);
     });

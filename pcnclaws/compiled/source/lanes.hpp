@@ -1,10 +1,11 @@
 // Several particles at once: vectors as wide as the processor's registers, elementary functions of them, and dual
 // numbers that carry derivatives through the same code.
 #pragma once
-#include <cmath>
-#include <cstdint>
-#include <cstring>
-#include <type_traits>
+#include "standard.hpp"
+
+#ifdef ONE_LANE
+#include "one_lane.hpp"
+#else
 
 namespace pcnclaws {
 
@@ -35,6 +36,12 @@ inline V select(Mask mask, V yes, V no) { return mask ? yes : no; }
 inline V maximum(V a, V b) { return select(a > b, a, b); }
 inline V minimum(V a, V b) { return select(a < b, a, b); }
 inline V absolute(V a) { return maximum(a, -a); }
+inline bool any(Mask mask) {
+    int64_t found = 0;
+    for (int l = 0; l < L; l++) found |= mask[l];
+    return found != 0;
+}
+template <class To, class From> To converted(From a) { return __builtin_convertvector(a, To); }
 
 // lane by lane through memory, which the compiler turns into one instruction
 template <class U> U square_root_of_lanes(U a) {
@@ -77,6 +84,47 @@ inline V logarithm(V x) {
     for (int k = 21; k >= 1; k -= 2) sum = sum * z2 + 1.0 / k;
     return 2.0 * z * sum + __builtin_convertvector(n, V) * 0.6931471805599453;
 }
+
+// L particles of one row of a component-first array; beyond the end the last particle is repeated.
+template <class T> V load(const T* row, int64_t first, int64_t end) {
+    typedef T Part __attribute__((vector_size(L * sizeof(T))));
+    Part part;
+    if (first + L <= end) {
+        std::memcpy(&part, row + first, sizeof part);
+    } else {
+        for (int l = 0; l < L; l++) part[l] = row[std::min<int64_t>(first + l, end - 1)];
+    }
+    return __builtin_convertvector(part, V);
+}
+template <class T> void store(T* row, int64_t first, int64_t end, V values) {
+    typedef T Part __attribute__((vector_size(L * sizeof(T))));
+    const Part part = __builtin_convertvector(values, Part);
+    if (first + L <= end) {
+        std::memcpy(row + first, &part, sizeof part);
+    } else {
+        for (int l = 0; first + l < end; l++) row[first + l] = part[l];
+    }
+}
+
+// Two groups of particles in single precision.
+typedef Vector<float> Singles;
+typedef float Half __attribute__((vector_size(L * sizeof(float))));
+constexpr int HALVES = 2;
+inline void put_half(Singles& whole, int which, V values) {
+    const Half half = converted<Half>(values);
+    std::memcpy(reinterpret_cast<char*>(&whole) + which * sizeof half, &half, sizeof half);
+}
+inline V get_half(const Singles& whole, int which) {
+    Half half;
+    std::memcpy(&half, reinterpret_cast<const char*>(&whole) + which * sizeof half, sizeof half);
+    return converted<V>(half);
+}
+
+}  // namespace pcnclaws
+
+#endif
+
+namespace pcnclaws {
 
 // A value and its derivatives in N directions.
 template <int N> struct Dual {

@@ -3,11 +3,10 @@
 #pragma once
 #include <vector>
 
-#include "lanes.hpp"
+#include "law_input.hpp"
 
 namespace pcnclaws {
 
-constexpr int LAYERS = 3;
 constexpr int BLOCK = 32;  // particles
 
 template <class T> Vector<T> load_vector(const T* from) {
@@ -152,12 +151,6 @@ template <bool SLOPE, class T> void gelu(int count, T* x, T* slope) {
 template <class T> void multiply(int count, T* x, const T* factor) {
     for (int k = 0; k < count; k += LANES<T>) store_vector(x + k, load_vector(x + k) * load_vector(factor + k));
 }
-
-// The weights as PyTorch keeps them: w[l] is (sizes[l + 1], sizes[l]), row-major.
-template <class T> struct Weights {
-    const T *w[LAYERS], *b[LAYERS];
-    int sizes[LAYERS + 1];
-};
 
 // The weights padded to whole vectors, in the orders of the passes forward and backward.
 template <class T> struct PackedWeights {

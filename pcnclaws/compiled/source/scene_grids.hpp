@@ -3,33 +3,13 @@
 // Only the window of the grid that the particles touch exists. The particles are cut into tasks that scatter to windows
 // of their own, which are then summed in a fixed order: the result does not depend on the number of threads.
 #pragma once
-#include <algorithm>
-#include <limits>
 #include <utility>
 #include <vector>
 
+#include "exchange.hpp"
 #include "parallel.hpp"
-#include "stencils.hpp"
 
 namespace pcnclaws {
-
-struct Settings {
-    double time_step;
-    int64_t nodes;               // cells along an edge of the domain
-    int64_t stick;               // 1 for sticking walls, 0 for slipping ones
-    int64_t window;              // 1 for the touched window of the grid, 0 for the whole grid
-    const unsigned char* walls;  // of the nodes -1 .. nodes + 1 of an axis: bit 0 low wall, bit 1 high wall
-};
-
-template <class S> struct State {
-    Field<S> position, velocity, affine, deformation;
-};
-
-template <class T> struct Bodies {
-    int64_t particles, scenes;
-    const int64_t* scene;  // scene of each particle, not decreasing
-    const T *mass, *volume, *gravity;
-};
 
 constexpr int64_t PART = 1024;  // particles of a task, more in large scenes
 constexpr int64_t MOST_PARTS = 32;

@@ -11,9 +11,6 @@ struct Principal {
     V strain[3];  // principal Hencky strains, half the logarithms of the squares
 };
 
-typedef Vector<float> Singles;  // two groups of particles
-typedef float Half __attribute__((vector_size(L * sizeof(float))));
-
 // Tangent and cosine of the angle that makes two rows orthogonal, from the difference of their squares and twice their
 // product.
 template <class S> void rotation(S difference, S twice, S& tangent, S& cosine) {
@@ -27,9 +24,9 @@ template <class S> void rotation(S difference, S twice, S& tangent, S& cosine) {
 // together to double precision, by two Newton steps.
 inline void rotation(V difference, V twice, V& tangent, V& cosine) {
     Half t, c;
-    rotation(__builtin_convertvector(difference, Half), __builtin_convertvector(twice, Half), t, c);
-    tangent = __builtin_convertvector(t, V);
-    cosine = __builtin_convertvector(c, V);
+    rotation(converted<Half>(difference), converted<Half>(twice), t, c);
+    tangent = converted<V>(t);
+    cosine = converted<V>(c);
     const V half = 0.5 + 0.5 * tangent * tangent;
     for (int step = 0; step < 2; step++) cosine *= 1.5 - half * cosine * cosine;
 }
@@ -76,17 +73,6 @@ struct Symmetric {
     }
 };
 
-// Two halves of a vector in single precision.
-inline void put_half(Singles& whole, int which, V values) {
-    const Half half = __builtin_convertvector(values, Half);
-    std::memcpy(reinterpret_cast<char*>(&whole) + which * sizeof half, &half, sizeof half);
-}
-inline V get_half(const Singles& whole, int which) {
-    Half half;
-    std::memcpy(&half, reinterpret_cast<const char*>(&whole) + which * sizeof half, sizeof half);
-    return __builtin_convertvector(half, V);
-}
-
 // b = F F^T for `approximate_axes`
 inline void load_square(const V f[3][3], int which, Symmetric& out) {
     auto dot = [&](int a, int b) { return f[a][0] * f[b][0] + f[a][1] * f[b][1] + f[a][2] * f[b][2]; };
@@ -119,10 +105,10 @@ inline void orthonormalise(V q[3][3]) {
 
 // Axes right to single precision, in half the time that it takes in double.
 template <int GROUPS> void approximate_axes(const V f[GROUPS][3][3], Principal out[GROUPS]) {
-    static_assert(GROUPS % 2 == 0, "groups go in pairs");
-    constexpr int PAIRS = GROUPS / 2, SWEEPS = 3;
+    static_assert(GROUPS % HALVES == 0, "groups share vectors");
+    constexpr int PAIRS = GROUPS / HALVES, SWEEPS = 3;
     Symmetric b[PAIRS];
-    for (int n = 0; n < GROUPS; n++) load_square(f[n], n % 2, b[n / 2]);
+    for (int n = 0; n < GROUPS; n++) load_square(f[n], n % HALVES, b[n / HALVES]);
     for (int n = 0; n < PAIRS; n++)
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++) b[n].q[i][j] = Singles{} + float(i == j);
@@ -133,7 +119,7 @@ template <int GROUPS> void approximate_axes(const V f[GROUPS][3][3], Principal o
     }
     for (int n = 0; n < GROUPS; n++) {
         for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++) out[n].q[i][j] = get_half(b[n / 2].q[i][j], n % 2);
+            for (int j = 0; j < 3; j++) out[n].q[i][j] = get_half(b[n / HALVES].q[i][j], n % HALVES);
         orthonormalise(out[n].q);
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++)
@@ -159,9 +145,7 @@ template <class T, int GROUPS> void principal_axes(const V f[GROUPS][3][3], Prin
         for (int n = 0; n < GROUPS; n++) turning |= turn_rows(out[n], 0, 1, NEGLIGIBLE);
         for (int n = 0; n < GROUPS; n++) turning |= turn_rows(out[n], 0, 2, NEGLIGIBLE);
         for (int n = 0; n < GROUPS; n++) turning |= turn_rows(out[n], 1, 2, NEGLIGIBLE);
-        int64_t any = 0;
-        for (int l = 0; l < L; l++) any |= turning[l];
-        if (!any) break;
+        if (!any(turning)) break;
     }
     for (int n = 0; n < GROUPS; n++)
         for (int i = 0; i < 3; i++) {
@@ -181,15 +165,14 @@ constexpr double MEETING = 1e-9;
 // when two stretches of some particle meet.
 template <class Slope> void divided_differences(const Principal& principal, const V y[3], Slope slope, V off[3][3]) {
     constexpr int PAIRS[3][2] = {{0, 1}, {0, 2}, {1, 2}};
-    int64_t any = 0;
-    Mask meets[3];
+    Mask meets[3], meeting{};
     for (int n = 0; n < 3; n++) {
         const V bi = principal.square[PAIRS[n][0]], bj = principal.square[PAIRS[n][1]];
         meets[n] = absolute(bi - bj) <= MEETING * (bi + bj);
-        for (int l = 0; l < L; l++) any |= meets[n][l];
+        meeting |= meets[n];
     }
     V s[3][3]{};
-    if (any) slope(s);
+    if (any(meeting)) slope(s);
     for (int n = 0; n < 3; n++) {
         const int i = PAIRS[n][0], j = PAIRS[n][1];
         const V bi = principal.square[i], bj = principal.square[j];

@@ -1,15 +1,17 @@
 // The 27 nodes of a particle: their weights, what goes to them and what comes back.
 #pragma once
-#include <algorithm>
-#include <cmath>
-#include <cstddef>
-#include <limits>
+#include "standard.hpp"
 
 #include "numbers.hpp"
 
 namespace pcnclaws {
 
-constexpr int LANE = 16;  // particles whose weights are computed together
+// particles whose weights are computed together
+#ifdef ONE_LANE
+constexpr int LANE = 1;
+#else
+constexpr int LANE = 16;
+#endif
 
 // A box of grid nodes, inclusive.
 struct Box {
@@ -84,9 +86,9 @@ void scatter(const Stencils<S>& stencils, int l, const Quad<S> vectors[4], const
         for (int j = 0; j < 3; j++, along_y = along_y + vectors[2]) {
             const S w = stencils.weight[0][i][l] * stencils.weight[1][j][l];
             Quad<S>* row = to + box.index(x + i, y + j, z);
-            row[0] += (along_y - vectors[3]) * (w * w0);
-            row[1] += along_y * (w * w1);
-            row[2] += (along_y + vectors[3]) * (w * w2);
+            add_to(row[0], (along_y - vectors[3]) * (w * w0));
+            add_to(row[1], along_y * (w * w1));
+            add_to(row[2], (along_y + vectors[3]) * (w * w2));
         }
     }
 }

@@ -12,7 +12,7 @@ struct Tape {
     int count = 0;
 
     int record(int a, V of_a) {
-        if (count == MOST) __builtin_trap();  // a law has outgrown the tape
+        if (count == MOST) stop();  // a law has outgrown the tape
         parent[count][0] = a;
         parent[count][1] = -1;
         slope[count][0] = of_a;

@@ -1,0 +1,109 @@
+// The kernels of a step on a GPU, a thread for every particle or node. NUMBER is the type of the state.
+#include "exchange.hpp"
+#include "failing.hpp"
+#include "threads.hpp"
+
+using namespace pcnclaws;
+using T = NUMBER;
+
+// Addresses of the fields of a state, or of their gradients; of the stress where there is one.
+struct Fields {
+    T *position, *velocity, *affine, *deformation, *stress;
+    State<T> state() const { return {{position}, {velocity}, {affine}, {deformation}}; }
+};
+
+namespace {
+
+Box whole_grid(const Settings& settings) {
+    const int last = int(settings.nodes) + 1;
+    return {{-1, -1, -1}, {last, last, last}};
+}
+
+// Where the nodes of a particle's scene begin.
+int64_t first_node(const Bodies<T>& bodies, int64_t p, const Box& box) {
+    const int64_t scene = bodies.scene[p];
+    if (scene < 0 || scene >= bodies.scenes) stop();
+    return scene * int64_t(box.size());
+}
+
+// Runs visit(exchange, stencils, particle, box, first node of its scene).
+template <class Visit>
+void with_particle(const Settings& settings, const Bodies<T>& bodies, const Fields& before, Visit visit) {
+    const int64_t p = thread_number();
+    if (p >= bodies.particles) return;
+    const State<T> state = before.state();
+    const Field<T> stress{before.stress};
+    const Exchange<T> exchange(settings, bodies, state, stress);
+    const Box box = whole_grid(settings);
+    Stencils<T> stencils;
+    stencils.find(state.position, bodies.particles, p, 1, T(settings.nodes));
+    visit(exchange, stencils, p, box, first_node(bodies, p, box));
+}
+
+// Runs visit(exchange, node, walls at it, what falling adds to its velocity).
+template <class Visit> void with_node(const Settings& settings, const Bodies<T>& bodies, Visit visit) {
+    const Box box = whole_grid(settings);
+    const int64_t node = thread_number(), size = int64_t(box.size());
+    if (node >= bodies.scenes * size) return;
+    const State<T> none{};
+    const Field<T> no_stress{};
+    const Exchange<T> exchange(settings, bodies, none, no_stress);
+    const int edge = box.edge(0), within = int(node % size);
+    const int walls[3] = {settings.walls[within / (edge * edge)], settings.walls[within / edge % edge],
+                          settings.walls[within % edge]};
+    visit(exchange, node, walls, exchange.fall_of(node / size));
+}
+
+}  // namespace
+
+// nodes: momentum and mass, 0 before
+KERNEL(scatter_state)(Settings settings, Bodies<T> bodies, Fields before, Quad<T>* nodes) {
+    with_particle(settings, bodies, before, [&](auto& exchange, auto& stencils, int64_t p, auto& box, int64_t first) {
+        Quad<T> vectors[4];
+        exchange.momentum(p, stencils, 0, vectors);
+        scatter(stencils, 0, vectors, box, nodes + first);
+    });
+}
+
+KERNEL(move_nodes)(Settings settings, Bodies<T> bodies, const Quad<T>* nodes, Quad<T>* moved) {
+    with_node(settings, bodies, [&](auto& exchange, int64_t node, const int walls[3], Quad<T> fall) {
+        moved[node] = exchange.moved_node(nodes[node], fall, walls);
+    });
+}
+
+KERNEL(gather_state)(Settings settings, Bodies<T> bodies, Fields before, const Quad<T>* moved, Fields after) {
+    with_particle(settings, bodies, before, [&](auto& exchange, auto& stencils, int64_t p, auto& box, int64_t first) {
+        exchange.gather_state(stencils, p, 1, box, moved + first, after.state());
+    });
+}
+
+// node_gradients: at the velocities of the nodes, 0 before
+KERNEL(scatter_gradient)
+(Settings settings, Bodies<T> bodies, Fields before, Fields incoming, Quad<T>* node_gradients) {
+    with_particle(settings, bodies, before, [&](auto& exchange, auto& stencils, int64_t p, auto& box, int64_t first) {
+        Quad<T> vectors[4];
+        exchange.gradient_vectors(p, incoming.state(), stencils, 0, vectors);
+        scatter(stencils, 0, vectors, box, node_gradients + first);
+    });
+}
+
+// node_gradients: then at momentum and mass
+KERNEL(adjoint_nodes)(Settings settings, Bodies<T> bodies, const Quad<T>* nodes, Quad<T>* node_gradients) {
+    with_node(settings, bodies, [&](auto& exchange, int64_t node, const int walls[3], Quad<T> fall) {
+        node_gradients[node] = exchange.node_gradient(nodes[node], node_gradients[node], fall, walls);
+    });
+}
+
+KERNEL(gather_gradient)
+(Settings settings, Bodies<T> bodies, Fields before, Moved<T> after, Fields incoming, const Quad<T>* moved,
+ const Quad<T>* node_gradients, Fields gradient) {
+    with_particle(settings, bodies, before, [&](auto& exchange, auto& stencils, int64_t p, auto& box, int64_t first) {
+        exchange.gather_gradient(stencils, p, 0, box, moved + first, node_gradients + first, after, incoming.state(),
+                                 gradient.state(), {gradient.stress});
+    });
+}
+
+KERNEL(find_failing)(int64_t particles, const T* position, const T* deformation, bool* failed) {
+    const int64_t p = thread_number();
+    if (p < particles) failed[p] = fails(particles, position, deformation, p);
+}

@@ -1,0 +1,52 @@
+"""What the kernels take, as C sees it: the structures of source/law_input.hpp and source/exchange.hpp."""
+
+import ctypes
+
+LAYERS = 3
+
+
+class Weights(ctypes.Structure):
+    """The weights and biases of a network, and the units of its layers."""
+
+    _fields_ = (
+        ("weights", ctypes.c_void_p * LAYERS),
+        ("biases", ctypes.c_void_p * LAYERS),
+        ("sizes", ctypes.c_int * (LAYERS + 1)),
+    )
+
+
+class LawInput(ctypes.Structure):
+    """The particles that a law is computed for. weights: the address of Weights, None without a network."""
+
+    _fields_ = (
+        ("particles", ctypes.c_int64),
+        ("deformation", ctypes.c_void_p),
+        ("parameters", ctypes.c_void_p),
+        ("rows", ctypes.c_int),
+        ("weights", ctypes.c_void_p),
+    )
+
+
+class Settings(ctypes.Structure):
+    """The settings of a step. walls: the address of a byte for each node of an axis."""
+
+    _fields_ = (
+        ("time_step", ctypes.c_double),
+        ("nodes", ctypes.c_int64),
+        ("stick", ctypes.c_int64),
+        ("window", ctypes.c_int64),
+        ("walls", ctypes.c_void_p),
+    )
+
+
+class Bodies(ctypes.Structure):
+    """The constants of the particles and scenes."""
+
+    _fields_ = (
+        ("particles", ctypes.c_int64),
+        ("scenes", ctypes.c_int64),
+        ("scene", ctypes.c_void_p),
+        ("mass", ctypes.c_void_p),
+        ("volume", ctypes.c_void_p),
+        ("gravity", ctypes.c_void_p),
+    )

@@ -1,0 +1,92 @@
+"""The sources of the kernels for GPUs, their threads run one after the other on the CPU, against the CPU's kernels."""
+
+import pytest
+import torch
+from bodies import seeded, uniform
+from compiled_checks import MATERIALS, Batch, in_dtype, largest_difference, moving_batch, simulator_of
+from torch import Tensor
+
+from pcnclaws.backend import using_backend
+from pcnclaws.compiled import gpu
+from pcnclaws.compiled.build import find_compiler
+from pcnclaws.compiled.laws import isotropic_law
+from pcnclaws.laws.base import Law
+from pcnclaws.mpm.diagnostics import failing_particles
+from pcnclaws.mpm.integrator import MPMIntegrator
+from pcnclaws.mpm.settings import SimulationSettings
+
+pytestmark = pytest.mark.skipif(find_compiler() is None, reason="needs a C++ compiler")
+PRECISIONS = pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-11), (torch.float32, 5e-6)])
+
+
+@PRECISIONS
+@pytest.mark.parametrize("kind", ["analytic", "neural", "free flow", "no prior"])
+@pytest.mark.parametrize("material", MATERIALS)
+def test_laws_and_their_gradients(material: str, kind: str, dtype: torch.dtype, tolerance: float) -> None:
+    simulator, batch = simulator_of(material, kind).to(dtype), in_dtype(moving_batch(material), dtype)
+    laws = [law for law in (simulator.elasticity, simulator.plasticity) if law is not None]
+    for law in laws:
+        found, expected = _of_gpu_source(law, batch), _of_cpu(law, batch)
+        assert len(found) == len(expected)
+        assert largest_difference(found, expected) < tolerance
+
+
+@pytest.mark.parametrize("width", [1, 7, 130])
+def test_networks_of_any_width(width: int) -> None:
+    law, batch = simulator_of("plasticine", "neural", width=width).plasticity, moving_batch("plasticine")
+    assert law is not None
+    assert largest_difference(_of_gpu_source(law, batch), _of_cpu(law, batch)) < 1e-11
+
+
+@PRECISIONS
+@pytest.mark.parametrize("boundary", ["slip", "stick"])
+def test_a_step_and_its_gradients(boundary: str, dtype: torch.dtype, tolerance: float) -> None:
+    state, scenes, _ = in_dtype(moving_batch("sand", (40, 5, 20)), dtype)
+    integrator = MPMIntegrator(SimulationSettings(grid_nodes=10, boundary=boundary))
+    stress = 100.0 * uniform(seeded(1), 3, 3, state.position.shape[1]).to(dtype)
+    inputs = [field.clone().requires_grad_() for field in (*state, stress)]
+    after = integrator(type(state)(*inputs[:4]), inputs[4], scenes)
+    incoming = tuple(uniform(seeded(2), *field.shape).to(dtype) for field in after)
+    expected = [*after, *torch.autograd.grad(after, inputs, incoming)]
+
+    settings = integrator.kernel_settings
+    bodies = (scenes.scene_index, scenes.mass, scenes.volume, scenes.gravity)
+    step = gpu.StepInput(
+        settings.time_step, settings.nodes, settings.stick, settings.walls, bodies, tuple(t.detach() for t in inputs)
+    )
+    found = gpu.step_forward(step)
+    gradients = gpu.step_adjoint(step, found[1], found[2], incoming)
+    assert largest_difference([*found, *gradients], expected) < tolerance
+
+
+def test_particles_that_have_gone_wrong() -> None:
+    state = moving_batch("sand").state
+    state.position[0, 1], state.position[1, 2], state.deformation[1, :, 6] = -1e-6, float("nan"), 0.0
+    with using_backend("torch"):
+        expected = failing_particles(state)
+    assert expected.sum() == 3
+    assert torch.equal(gpu.failing(state.position, state.deformation), expected)
+
+
+def _of_gpu_source(law: Law, batch: Batch) -> list[Tensor]:
+    """The result, and gradients of deformation, parameters and weights."""
+    rows, weights, incoming = _inputs(law, batch)
+    assert law.kernel is not None
+    given = law.kernel, batch.state.deformation, rows, weights
+    gradients = gpu.law_adjoint(*given, incoming, (True, True))
+    assert gradients.parameters is not None
+    return [gpu.law_forward(*given), gradients.deformation, gradients.parameters, *gradients.weights]
+
+
+def _of_cpu(law: Law, batch: Batch) -> list[Tensor]:
+    rows, weights, incoming = _inputs(law, batch)
+    assert law.kernel is not None
+    inputs = [tensor.clone().requires_grad_() for tensor in (batch.state.deformation, rows, *weights)]
+    result = isotropic_law(law.kernel, inputs[0], inputs[1], inputs[2:])
+    return [result.detach(), *torch.autograd.grad(result, inputs, incoming)]
+
+
+def _inputs(law: Law, batch: Batch) -> tuple[Tensor, list[Tensor], Tensor]:
+    rows = law.kernel_rows(batch.parameters).contiguous()
+    weights = [weight.detach() for weight in law.kernel_weights()]
+    return rows, weights, uniform(seeded(5), *batch.state.deformation.shape).to(rows.dtype)
