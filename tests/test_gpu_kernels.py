@@ -54,8 +54,8 @@ def test_a_step_and_its_gradients(boundary: str, dtype: torch.dtype, tolerance: 
     step = gpu.StepInput(
         settings.time_step, settings.nodes, settings.stick, settings.walls, bodies, tuple(t.detach() for t in inputs)
     )
-    found = gpu.step_forward(step)
-    gradients = gpu.step_adjoint(step, found[1], found[2], incoming)
+    found, nodes = gpu.step_forward(step)
+    gradients = gpu.step_adjoint(step, nodes, found[1], found[2], incoming)
     assert largest_difference([*found, *gradients], expected) < tolerance
 
 

@@ -15,6 +15,9 @@ from pcnclaws.compiled.structures import LAYERS, Bodies, Settings, Weights
 NUMBERS = {torch.float32: "float", torch.float64: "double"}
 # Nodes of an axis beyond the cells: one at the end of the domain, and one of padding on each side.
 MORE_NODES = 3
+ALIGNMENT = 32  # bytes
+# Particles whose gradients of the weights are summed together at least, and how many such sums there are at most.
+CHUNK, MOST_CHUNKS = 256, 64
 
 
 class _Fields(ctypes.Structure):
@@ -41,6 +44,17 @@ class StepInput(NamedTuple):
     state: tuple[Tensor, ...]
 
 
+class Nodes(NamedTuple):
+    """What a step puts on the grid, (nodes of all scenes, 4).
+
+    momentum  and mass [kg m/s, kg]
+    moved     velocity after gravity and walls [m/s], and a number without meaning
+    """
+
+    momentum: Tensor
+    moved: Tensor
+
+
 class LawGradients(NamedTuple):
     """Gradients of a law's inputs; of the parameters and weights only where they were asked for."""
 
@@ -51,7 +65,7 @@ class LawGradients(NamedTuple):
 
 def law_forward(law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> Tensor:
     """The law, as isotropic_law in pcnclaws/compiled/laws.py; all tensors contiguous."""
-    result, particles = torch.empty_like(deformation), deformation.shape[2]
+    result, particles, weights = torch.empty_like(deformation), deformation.shape[2], _aligned(weights)
     arrays = address(deformation), address(parameters), _weights(weights), address(result)
     _law(law, deformation, parameters, weights).start("law_forward", particles, ctypes.c_int64(particles), *arrays)
     return result
@@ -66,32 +80,41 @@ def law_adjoint(
     wanted: tuple[bool, bool],
 ) -> LawGradients:
     """Gradients from those of the result. wanted: those of the parameters, those of the weights."""
-    particles = deformation.shape[2]
+    particles, weights = deformation.shape[2], _aligned(weights)
     gradient = torch.empty_like(deformation)
     of_parameters = torch.empty_like(parameters) if wanted[0] else None
-    inputs, gradients = _network_memory(weights, deformation)
+    memory = _NetworkMemory(weights, deformation)
     _law(law, deformation, parameters, weights).start(
         "law_adjoint",
-        particles,
+        max(particles, memory.stride),
         ctypes.c_int64(particles),
         *(address(deformation), address(parameters), _weights(weights)),
-        *(address(incoming), address(gradient), address(of_parameters), address(inputs), address(gradients)),
+        *(address(incoming), address(gradient), address(of_parameters), memory.described()),
     )
-    of_weights = _weight_gradients(weights, inputs, gradients) if wanted[1] else []
-    return LawGradients(gradient, of_parameters, of_weights)
+    return LawGradients(gradient, of_parameters, memory.weight_gradients() if wanted[1] and weights else [])
 
 
-def step_forward(step: StepInput) -> tuple[Tensor, ...]:
-    """Position, velocity, affine and deformation after a step."""
+def step_forward(step: StepInput) -> tuple[tuple[Tensor, ...], Nodes]:
+    """Position, velocity, affine and deformation after a step; and the nodes on the way, for step_adjoint."""
     after = tuple(torch.empty_like(field) for field in step.state[:4])
-    _Step(step).forward(after)
-    return after
+    kernels = _Step(step)
+    nodes = kernels.nodes()
+    kernels.each_particle("gather_state", kernels.state, address(nodes.moved), _fields(after))
+    return after, nodes
 
 
-def step_adjoint(step: StepInput, velocity: Tensor, affine: Tensor, incoming: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+def step_adjoint(
+    step: StepInput, nodes: Nodes, velocity: Tensor, affine: Tensor, incoming: tuple[Tensor, ...]
+) -> tuple[Tensor, ...]:
     """Gradients of the five fields of the state from those of the state after, whose velocities are given."""
     gradient = tuple(torch.empty_like(field) for field in step.state)
-    _Step(step).adjoint(velocity, affine, incoming, gradient)
+    kernels, given = _Step(step), _fields(incoming)
+    node_gradients = torch.zeros_like(nodes.momentum)
+    kernels.each_particle("scatter_gradient", kernels.state, given, address(node_gradients))
+    kernels.each_node("adjoint_nodes", address(nodes.momentum), address(node_gradients))
+    after = _Moved(velocity.data_ptr(), affine.data_ptr())
+    arrays = address(nodes.moved), address(node_gradients), _fields(gradient)
+    kernels.each_particle("gather_gradient", kernels.state, after, given, *arrays)
     return gradient
 
 
@@ -105,44 +128,73 @@ def failing(position: Tensor, deformation: Tensor) -> Tensor:
 
 
 class _Step:
-    """The kernels of a step, with what they all take."""
+    """Starts the kernels of a step, with what they all take."""
 
     def __init__(self, step: StepInput) -> None:
         scene, mass, volume, gravity = step.bodies
-        self._particles, scenes = mass.numel(), gravity.shape[1]
-        self._node_count = scenes * (step.nodes + MORE_NODES) ** 3
+        particles, scenes = mass.numel(), gravity.shape[1]
         walls = _walls(step.walls, mass.device)
         settings = Settings(step.time_step, step.nodes, step.stick, False, walls.data_ptr())
         arrays = (tensor.data_ptr() for tensor in (scene, mass, volume, gravity))
-        self._given = settings, Bodies(self._particles, scenes, *arrays)
-        self._state, self._kernels = _fields(step.state), _step_kernels(mass)
-        # momentum and mass of the nodes
-        self._nodes = self._zeros(mass)
-        self._moved = torch.empty_like(self._nodes)
-        self._each_particle("scatter_state", self._state, address(self._nodes))
-        self._each_node("move_nodes", address(self._nodes), address(self._moved))
+        self._given = settings, Bodies(particles, scenes, *arrays)
+        self._particles, self._node_count = particles, scenes * (step.nodes + MORE_NODES) ** 3
+        self._like, self._kernels = mass, _step_kernels(mass)
+        self.state = _fields(step.state)
 
-    def forward(self, after: tuple[Tensor, ...]) -> None:
-        self._each_particle("gather_state", self._state, address(self._moved), _fields(after))
+    def nodes(self) -> Nodes:
+        """Particles to grid, and the grid moved."""
+        momentum = torch.zeros(self._node_count, 4, dtype=self._like.dtype, device=self._like.device)
+        moved = torch.empty_like(momentum)
+        self.each_particle("scatter_state", self.state, address(momentum))
+        self.each_node("move_nodes", address(momentum), address(moved))
+        return Nodes(momentum, moved)
 
-    def adjoint(
-        self, velocity: Tensor, affine: Tensor, incoming: tuple[Tensor, ...], gradient: tuple[Tensor, ...]
-    ) -> None:
-        node_gradients, given = self._zeros(velocity), _fields(incoming)
-        self._each_particle("scatter_gradient", self._state, given, address(node_gradients))
-        self._each_node("adjoint_nodes", address(self._nodes), address(node_gradients))
-        after = _Moved(velocity.data_ptr(), affine.data_ptr())
-        arrays = address(self._moved), address(node_gradients), _fields(gradient)
-        self._each_particle("gather_gradient", self._state, after, given, *arrays)
-
-    def _zeros(self, like: Tensor) -> Tensor:
-        return torch.zeros(self._node_count, 4, dtype=like.dtype, device=like.device)
-
-    def _each_particle(self, name: str, *arguments: object) -> None:
+    def each_particle(self, name: str, *arguments: object) -> None:
         self._kernels.start(name, self._particles, *self._given, *arguments)
 
-    def _each_node(self, name: str, *arguments: object) -> None:
+    def each_node(self, name: str, *arguments: object) -> None:
         self._kernels.start(name, self._node_count, *self._given, *arguments)
+
+
+class _NetworkMemory:
+    """Memory of the backward pass of a network: NetworkMemory in source/thread_network.hpp.
+
+    Its rows have whole chunks of particles, whose gradients of the weights are summed apart and then together: one sum
+    over all particles would leave most of a GPU idle.
+    """
+
+    def __init__(self, weights: Sequence[Tensor], like: Tensor) -> None:
+        self._weights, self.stride = weights, 0
+        if not weights:
+            return
+        particles = like.shape[2]
+        self._chunk = CHUNK * max(1, -(-particles // (CHUNK * MOST_CHUNKS)))
+        self.stride = -(-particles // self._chunk) * self._chunk
+        ins, outs = (sum(weight.shape[side] for weight in weights[:LAYERS]) for side in (1, 0))
+        self._inputs, self._gradients = (like.new_empty(rows, self.stride) for rows in (ins + 1, outs))
+
+    def described(self) -> "_NetworkMemoryStructure":
+        """The structure that the kernel takes."""
+        if not self._weights:
+            return _NetworkMemoryStructure()
+        return _NetworkMemoryStructure(self._inputs.data_ptr(), self._gradients.data_ptr(), self.stride)
+
+    def weight_gradients(self) -> list[Tensor]:
+        """Of the weights, then of the biases."""
+        inputs, gradients = (of.unflatten(1, (-1, self._chunk)) for of in (self._inputs, self._gradients))
+        # one product of all layers with all, most of it for nothing, takes less time than several small ones
+        products = torch.bmm(gradients.transpose(0, 1), inputs.permute(1, 2, 0)).sum(0)
+        found, biases, row, column = [], [], 0, 0
+        for weight, bias in zip(self._weights[:LAYERS], self._weights[LAYERS:], strict=True):
+            rows, columns = weight.shape
+            found.append(products[row : row + rows, column : column + columns])
+            biases.append(products[row : row + rows, -1].view(bias.shape))
+            row, column = row + rows, column + columns
+        return found + biases
+
+
+class _NetworkMemoryStructure(ctypes.Structure):
+    _fields_ = (("inputs", ctypes.c_void_p), ("gradients", ctypes.c_void_p), ("stride", ctypes.c_int64))
 
 
 def _law(law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> Kernels:
@@ -157,36 +209,21 @@ def _step_kernels(like: Tensor) -> Kernels:
     return kernels_of("gpu_step.cu", like.device, NUMBER=NUMBERS[like.dtype])
 
 
+def _aligned(weights: Sequence[Tensor]) -> list[Tensor]:
+    """The weights, which kernels read four at a time, at addresses where they may: a view into another tensor may not
+    begin at one.
+    """
+    return [weight if weight.data_ptr() % ALIGNMENT == 0 else weight.clone() for weight in weights]
+
+
 def _weights(weights: Sequence[Tensor]) -> Weights:
+    """The structure that the kernels take."""
     described = Weights()
     for layer in range(len(weights) // 2):
         described.weights[layer] = weights[layer].data_ptr()
         described.biases[layer] = weights[LAYERS + layer].data_ptr()
         described.sizes[layer + 1] = weights[layer].shape[0]
     return described
-
-
-def _network_memory(weights: Sequence[Tensor], like: Tensor) -> tuple[Tensor | None, Tensor | None]:
-    """Memory for the inputs of a network's layers with a row of ones, and for the gradients at their outputs."""
-    if not weights:
-        return None, None
-    ins, outs = (sum(weight.shape[side] for weight in weights[:LAYERS]) for side in (1, 0))
-    particles = like.shape[2]
-    return like.new_empty(ins + 1, particles), like.new_empty(outs, particles)
-
-
-def _weight_gradients(weights: Sequence[Tensor], inputs: Tensor | None, gradients: Tensor | None) -> list[Tensor]:
-    if inputs is None or gradients is None:
-        return []
-    # one product of all layers with all, most of it for nothing, takes less time than several small ones
-    products = gradients @ inputs.T
-    found, biases, row, column = [], [], 0, 0
-    for weight in weights[:LAYERS]:
-        rows, columns = weight.shape
-        found.append(products[row : row + rows, column : column + columns].reshape(weight.shape))
-        biases.append(products[row : row + rows, -1:].reshape(weights[LAYERS + len(biases)].shape))
-        row, column = row + rows, column + columns
-    return found + biases
 
 
 @cache

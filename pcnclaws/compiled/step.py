@@ -48,7 +48,7 @@ def step(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor
         raise ValueError("the fields of a state and scene_index need the same number of particles")
     bodies = (scene.long(), mass.expand(particles), volume.expand(particles), gravity)
     if not derivatives_wanted():
-        return _stepped(settings, _contiguous(bodies), _contiguous(state))
+        return _stepped(settings, _contiguous(bodies), _contiguous(state))[0]
     return _Step.apply(settings, carries_rates(state), *bodies, *state)
 
 
@@ -72,12 +72,15 @@ def _call(name: str, settings: StepSettings, bodies: tuple[Tensor, ...], *fields
     call(name, mass.dtype, ctypes.byref(_settings(settings)[0]), ctypes.byref(described), *pointers)
 
 
-def _stepped(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+def _stepped(
+    settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor, ...]
+) -> tuple[tuple[Tensor, ...], gpu.Nodes | None]:
+    """The state after, and on a GPU the nodes on the way, for the backward pass."""
     if state[0].is_cuda:
         return gpu.step_forward(_on_gpu(settings, bodies, state))
     after = tuple(torch.empty_like(field) for field in state[:4])
     _call("step_forward", settings, bodies, state, after)
-    return after
+    return after, None
 
 
 def _contiguous(tensors: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
@@ -90,7 +93,10 @@ class _Step(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, settings: StepSettings, later: bool, *tensors: Tensor) -> tuple[Tensor, ...]:
         bodies, state = _contiguous(tensors[:4]), _contiguous(tensors[4:])
-        after = tuple(torch.empty_like(field) for field in state[:4]) if later else _stepped(settings, bodies, state)
+        if later:
+            after, ctx.nodes = tuple(torch.empty_like(field) for field in state[:4]), None
+        else:
+            after, ctx.nodes = _stepped(settings, bodies, state)
         ctx.settings, ctx.after = settings, tuple(field.detach() for field in after) if later else ()
         ctx.save_for_backward(*bodies, *state, after[1], after[2])
         ctx.save_for_forward(*bodies, *state)
@@ -105,7 +111,7 @@ class _Step(torch.autograd.Function):
         bodies, state, (velocity, affine) = saved[:4], saved[4:9], saved[9:]
         incoming = _contiguous(incoming)
         if state[0].is_cuda:
-            gradient = gpu.step_adjoint(_on_gpu(ctx.settings, bodies, state), velocity, affine, incoming)
+            gradient = gpu.step_adjoint(_on_gpu(ctx.settings, bodies, state), ctx.nodes, velocity, affine, incoming)
             return (None, None, None, None, None, None, *gradient)
         gradient = tuple(torch.empty_like(field) for field in state)
         after = (velocity, velocity, affine)  # the kernel reads the second and the third

@@ -15,7 +15,8 @@ KERNEL(law_forward)
     const int64_t p = thread_number();
     if (p >= particles) return;
     const LawInput<T> in{particles, deformation, parameters, ROWS, nullptr};
-    Network network(weights, particles, p, nullptr, nullptr);
+    const NetworkMemory<T> none{};
+    Network network(weights, none, p);
     Block block(in, &network);
     block.template enter<false>(p, p + 1);
     V y[3];
@@ -23,14 +24,17 @@ KERNEL(law_forward)
     block.leave(0, y, result);
 }
 
-// parameter_gradient null where it is not wanted; inputs and gradients as thread_network.hpp says, null without one
+// parameter_gradient null where it is not wanted. With a network, threads are as many as the memory has numbers in a row.
 KERNEL(law_adjoint)
 (int64_t particles, const T* deformation, const T* parameters, Weights<T> weights, const T* incoming, T* gradient,
- T* parameter_gradient, T* inputs, T* gradients) {
+ T* parameter_gradient, NetworkMemory<T> memory) {
     const int64_t p = thread_number();
-    if (p >= particles) return;
+    Network network(weights, memory, p);
+    if (p >= particles) {
+        if (p < memory.stride) network.clear();
+        return;
+    }
     const LawInput<T> in{particles, deformation, parameters, ROWS, nullptr};
-    Network network(weights, particles, p, inputs, gradients);
     Block block(in, &network);
     typename Block::Adjoint adjoint;
     block.template enter<true>(p, p + 1);

@@ -1,6 +1,6 @@
 // What the transfer calculates with: plain numbers, or numbers with their rates of change, alone and four together.
 #pragma once
-#include "standard.hpp"
+#include "quads.hpp"
 
 namespace pcnclaws {
 
@@ -22,36 +22,9 @@ template <class U, class T> Rate<U> scaled(T factor, Rate<U> a) { return {factor
 inline float scaled(float factor, float a) { return factor * a; }
 inline double scaled(double factor, double a) { return factor * a; }
 
-#ifdef __CUDACC_RTC__
-template <class T> struct alignas(4 * sizeof(T)) Four {
-    T at[4];
-    T operator[](int k) const { return at[k]; }
-    T& operator[](int k) { return at[k]; }
-};
-template <class T> Four<T> operator+(Four<T> a, Four<T> b) {
-    return {{a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]}};
-}
-template <class T> Four<T> operator-(Four<T> a, Four<T> b) {
-    return {{a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]}};
-}
-template <class T> Four<T> operator*(Four<T> a, T b) { return {{a[0] * b, a[1] * b, a[2] * b, a[3] * b}}; }
-template <class T> Four<T> operator*(T a, Four<T> b) { return b * a; }
-template <class T> Four<T> operator*(Four<T> a, Four<T> b) {
-    return {{a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3]}};
-}
-template <class T> Four<T>& operator+=(Four<T>& a, Four<T> b) { return a = a + b; }
-template <class T> struct QuadOf {
-    typedef Four<T> type;
-};
-#else
-template <class T> struct QuadOf {
-    typedef T type __attribute__((vector_size(4 * sizeof(T))));
-};
-#endif
 template <class T> struct QuadOf<Rate<T>> {
     typedef Rate<typename QuadOf<T>::type> type;
 };
-template <class S> using Quad = typename QuadOf<S>::type;  // three components and one more
 
 template <class T> struct Plain {
     typedef T type;
@@ -79,20 +52,6 @@ template <class Q, class T> void set_component(Rate<Q>& q, int k, Rate<T> a) {
     q.value[k] = a.value;
     q.rate[k] = a.rate;
 }
-
-// Adds to a node, which many threads of a GPU do at once.
-#ifdef __CUDACC_RTC__
-template <class T> void add_to(Four<T>& node, Four<T> a) {
-    for (int k = 0; k < 4; k++) atomicAdd(&node[k], a[k]);
-}
-#if __CUDA_ARCH__ >= 900
-inline void add_to(Four<float>& node, Four<float> a) {
-    atomicAdd(reinterpret_cast<float4*>(&node), make_float4(a[0], a[1], a[2], a[3]));
-}
-#endif
-#else
-template <class Q> void add_to(Q& node, Q a) { node += a; }
-#endif
 
 // A component-first array that is read or written as S: with its tangent array where S carries rates.
 template <class S> struct Field {

@@ -24,6 +24,7 @@ typedef unsigned long long uint64_t;
 
 namespace std {
 
+using ::erf;
 using ::erfc;
 using ::exp;
 using ::floor;
