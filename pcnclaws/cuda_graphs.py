@@ -265,5 +265,5 @@ def _recorded(work: Callable[[], None]) -> torch.cuda.CUDAGraph:
 
 @torch.no_grad()
 def _copy(into: Sequence[Tensor], values: Sequence[Tensor]) -> None:
-    # all in one operation
-    torch._foreach_copy_(list(into), list(values))  # pyright: ignore[reportPrivateImportUsage]
+    for target, source in zip(into, values, strict=True):
+        target.copy_(source)

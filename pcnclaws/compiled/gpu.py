@@ -16,6 +16,8 @@ NUMBERS = {torch.float32: "float", torch.float64: "double"}
 # Nodes of an axis beyond the cells: one at the end of the domain, and one of padding on each side.
 MORE_NODES = 3
 ALIGNMENT = 32  # bytes
+# Memory that the threads of a block share, on every GPU [bytes].
+MOST_SHARED = 48 * 1024
 # Particles whose gradients of the weights are summed together at least, and how many such sums there are at most.
 CHUNK, MOST_CHUNKS = 256, 64
 
@@ -65,9 +67,9 @@ class LawGradients(NamedTuple):
 
 def law_forward(law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> Tensor:
     """The law, as isotropic_law in pcnclaws/compiled/laws.py; all tensors contiguous."""
-    result, particles, weights = torch.empty_like(deformation), deformation.shape[2], _aligned(weights)
-    arrays = address(deformation), address(parameters), _weights(weights), address(result)
-    _law(law, deformation, parameters, weights).start("law_forward", particles, ctypes.c_int64(particles), *arrays)
+    result = torch.empty_like(deformation)
+    kernels = _LawKernels(law, deformation, parameters, weights)
+    kernels.start("law_forward", deformation.shape[2], address(result))
     return result
 
 
@@ -80,17 +82,11 @@ def law_adjoint(
     wanted: tuple[bool, bool],
 ) -> LawGradients:
     """Gradients from those of the result. wanted: those of the parameters, those of the weights."""
-    particles, weights = deformation.shape[2], _aligned(weights)
     gradient = torch.empty_like(deformation)
     of_parameters = torch.empty_like(parameters) if wanted[0] else None
-    memory = _NetworkMemory(weights, deformation)
-    _law(law, deformation, parameters, weights).start(
-        "law_adjoint",
-        max(particles, memory.stride),
-        ctypes.c_int64(particles),
-        *(address(deformation), address(parameters), _weights(weights)),
-        *(address(incoming), address(gradient), address(of_parameters), memory.described()),
-    )
+    kernels, memory = _LawKernels(law, deformation, parameters, weights), _NetworkMemory(weights, deformation)
+    arrays = address(incoming), address(gradient), address(of_parameters), memory.described()
+    kernels.start("law_adjoint", max(deformation.shape[2], memory.stride), *arrays)
     return LawGradients(gradient, of_parameters, memory.weight_gradients() if wanted[1] and weights else [])
 
 
@@ -197,12 +193,25 @@ class _NetworkMemoryStructure(ctypes.Structure):
     _fields_ = (("inputs", ctypes.c_void_p), ("gradients", ctypes.c_void_p), ("stride", ctypes.c_int64))
 
 
-def _law(law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> Kernels:
-    """The kernels of a law; ValueError for parameters or a network that do not fit."""
-    macros = {"LAW": law, "ROWS": parameters.shape[0], "UNITS_1": 1, "UNITS_2": 1}
-    if weights:
-        macros |= {"UNITS_1": weights[0].shape[0], "UNITS_2": weights[1].shape[0]}
-    return kernels_of("gpu_law.cu", deformation.device, NUMBER=NUMBERS[deformation.dtype], **macros)
+class _LawKernels:
+    """Starts the kernels of a law, with what they all take."""
+
+    def __init__(self, law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> None:
+        self.weights = _aligned(weights)
+        macros: dict[str, object] = {"LAW": law, "ROWS": parameters.shape[0], "UNITS_1": 1, "UNITS_2": 1}
+        self._shared = 0
+        if weights:
+            macros |= {"UNITS_1": weights[0].shape[0], "UNITS_2": weights[1].shape[0]}
+            # each begins at four whole numbers
+            needed = sum(-(-weight.numel() // 4) * 4 for weight in weights) * deformation.element_size()
+            if deformation.is_cuda and needed <= MOST_SHARED:
+                macros["STAGED"], self._shared = 1, needed
+        self._kernels = kernels_of("gpu_law.cu", deformation.device, NUMBER=NUMBERS[deformation.dtype], **macros)
+        arrays = address(deformation), address(parameters), _weights(self.weights)
+        self._given = ctypes.c_int64(deformation.shape[2]), *arrays
+
+    def start(self, name: str, threads: int, *arguments: object) -> None:
+        self._kernels.start(name, threads, *self._given, *arguments, shared=self._shared)
 
 
 def _step_kernels(like: Tensor) -> Kernels:

@@ -30,8 +30,12 @@ class Kernels(ABC):
     """The kernels of one source file."""
 
     @abstractmethod
-    def start(self, name: str, threads: int, *arguments: Any) -> None:
-        """Runs a kernel in at least so many threads. Arguments are ctypes values and structures."""
+    def start(self, name: str, threads: int, *arguments: Any, shared: int = 0) -> None:
+        """Runs a kernel in at least so many threads.
+
+        arguments  ctypes values and structures
+        shared     memory that the threads of a block share [bytes]
+        """
 
 
 @cache
@@ -66,7 +70,7 @@ class _GpuKernels(Kernels):
         with _context_of(device):
             _require(_driver().cuModuleLoadData(ctypes.byref(self._module), binary))
 
-    def start(self, name: str, threads: int, *arguments: Any) -> None:
+    def start(self, name: str, threads: int, *arguments: Any, shared: int = 0) -> None:
         if not threads:
             return
         block = BLOCK if threads > SMALL else SMALL_BLOCK
@@ -74,7 +78,7 @@ class _GpuKernels(Kernels):
         with _context_of(self._device):
             stream = ctypes.c_void_p(torch.cuda.current_stream().cuda_stream)
             grid, shape = (-(-threads // block), 1, 1), (block, 1, 1)
-            _require(_driver().cuLaunchKernel(self._function(name), *grid, *shape, 0, stream, pointers, None))
+            _require(_driver().cuLaunchKernel(self._function(name), *grid, *shape, shared, stream, pointers, None))
 
     def _function(self, name: str) -> ctypes.c_void_p:
         if name not in self._functions:
@@ -89,7 +93,7 @@ class _HostKernels(Kernels):
         self._library = ctypes.CDLL(str(library))
         self._thread = ctypes.c_int64.in_dll(self._library, "thread")
 
-    def start(self, name: str, threads: int, *arguments: Any) -> None:
+    def start(self, name: str, threads: int, *arguments: Any, shared: int = 0) -> None:
         function = getattr(self._library, name)
         for number in range(threads):
             self._thread.value = number

@@ -1,5 +1,6 @@
 // The kernels of one law on a GPU, a thread for every particle. Given by macros: NUMBER, the type of the state; LAW, the
-// ROWS of its parameters, and UNITS_1 and UNITS_2 of its network's hidden layers, 1 without a network.
+// ROWS of its parameters, and UNITS_1 and UNITS_2 of its network's hidden layers, 1 without a network; STAGED where its
+// weights fit into the memory that the threads of a block share.
 #include "law_block.hpp"
 #include "thread_network.hpp"
 #include "threads.hpp"
@@ -13,10 +14,12 @@ using Block = LawBlock<T, LAW, Network>;
 KERNEL(law_forward)
 (int64_t particles, const T* deformation, const T* parameters, Weights<T> weights, T* result) {
     const int64_t p = thread_number();
+    const Network::Given given(weights);
+    given.fetch();
     if (p >= particles) return;
     const LawInput<T> in{particles, deformation, parameters, ROWS, nullptr};
     const NetworkMemory<T> none{};
-    Network network(weights, none, p);
+    Network network(given, none, p);
     Block block(in, &network);
     block.template enter<false>(p, p + 1);
     V y[3];
@@ -29,7 +32,9 @@ KERNEL(law_adjoint)
 (int64_t particles, const T* deformation, const T* parameters, Weights<T> weights, const T* incoming, T* gradient,
  T* parameter_gradient, NetworkMemory<T> memory) {
     const int64_t p = thread_number();
-    Network network(weights, memory, p);
+    const Network::Given given(weights);
+    given.fetch();
+    Network network(given, memory, p);
     if (p >= particles) {
         if (p < memory.stride) network.clear();
         return;

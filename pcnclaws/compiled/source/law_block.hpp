@@ -125,7 +125,8 @@ template <class T, class Law, class Network> struct LawBlock {
         const Principal& axes = principal[group];
         V g[3][3], y_bar[3][3], y[3], value[3];
         for (int k = 0; k < 9; k++) g[k / 3][k % 3] = load(incoming + k * in.particles, begin + group * L, end);
-        Tape tape;
+        TapeEntries entries;
+        Tape tape(entries);
         Taped y_tape[3];
         respond(y_tape, [&](int k) { return variable(value_at(group, k), tape); });
         for (int k = 0; k < 3; k++) y[k] = y_tape[k].value;
@@ -145,9 +146,9 @@ template <class T, class Law, class Network> struct LawBlock {
             for (int j = 0; j < 3; j++) a.wanted[i][j] = 0.5 * (principal_bar[i][j] + principal_bar[j][i]);
         differences(group, value, a.off);
         for (int i = 0; i < 3; i++)
-            tape.gradient[y_tape[i].entry] += a.wanted[i][i] * (Law::RETURN_MAP ? value[i] : splat(1.0));
+            entries.gradient[y_tape[i].entry] += a.wanted[i][i] * (Law::RETURN_MAP ? value[i] : splat(1.0));
         tape.sweep();
-        const V* total = tape.gradient;  // the inputs are its first entries
+        const V* total = entries.gradient;  // the inputs are its first entries
         for (int i = 0; i < 3; i++) a.strain[i] = total[i];
         for (int k = 0; k < Law::FEATURES; k++) a.x[k] = total[FEATURES + k];
         if (parameter_gradient)
@@ -171,14 +172,15 @@ template <class T, class Law, class Network> struct LawBlock {
     void adjoint_second(int group, Adjoint& a, T* gradient, T* parameter_gradient) {
         const Principal& axes = principal[group];
         if constexpr (NETWORK) {
-            Tape tape;
+            TapeEntries entries;
+            Tape tape(entries);
             Taped h[3], features[Law::FEATURES];
             for (int k = 0; k < 3; k++) h[k] = variable(axes.strain[k], tape);
             Law::features(h, features);
             for (int k = 0; k < Law::FEATURES; k++)
-                tape.gradient[features[k].entry] += a.x[k] + network->get(network->gradient, 0, group * L, k);
+                entries.gradient[features[k].entry] += a.x[k] + network->get(network->gradient, 0, group * L, k);
             tape.sweep();
-            for (int i = 0; i < 3; i++) a.strain[i] += tape.gradient[i];
+            for (int i = 0; i < 3; i++) a.strain[i] += entries.gradient[i];
             if (parameter_gradient)
                 for (int k = Law::PARAMETERS; k < in.rows; k++)
                     store(parameter_gradient + k * in.particles, begin + group * L, end,

@@ -4,33 +4,55 @@
 
 namespace pcnclaws {
 
+constexpr int MOST_OPERATIONS = 160;  // more than any law has
+
+// What is written down. Apart from the number of operations, which a compiler then knows in advance: on a GPU all of it
+// can stay in registers.
+struct TapeEntries {
+    V slope[MOST_OPERATIONS][2];
+    int parent[MOST_OPERATIONS][2];
+    V gradient[MOST_OPERATIONS];
+};
+
 struct Tape {
-    static constexpr int MOST = 160;  // operations, more than any law has
-    V slope[MOST][2];
-    int parent[MOST][2];
-    V gradient[MOST];
+    TapeEntries& entries;
     int count = 0;
 
+    explicit Tape(TapeEntries& memory) : entries(memory) {}
+
     int record(int a, V of_a) {
-        if (count == MOST) stop();  // a law has outgrown the tape
-        parent[count][0] = a;
-        parent[count][1] = -1;
-        slope[count][0] = of_a;
-        gradient[count] = V{};
+        if (count == MOST_OPERATIONS) stop();  // a law has outgrown the tape
+        entries.parent[count][0] = a;
+        entries.parent[count][1] = -1;
+        entries.slope[count][0] = of_a;
+        entries.gradient[count] = V{};
         return count++;
     }
     int record(int a, V of_a, int b, V of_b) {
         const int entry = record(a, of_a);
-        parent[entry][1] = b;
-        slope[entry][1] = of_b;
+        entries.parent[entry][1] = b;
+        entries.slope[entry][1] = of_b;
         return entry;
     }
 
     // from the gradients that were added to some entries to those of all entries before them
     void sweep() {
-        for (int k = count - 1; k >= 0; k--)
-            for (int side = 0; side < 2; side++)
-                if (parent[k][side] >= 0) gradient[parent[k][side]] += slope[k][side] * gradient[k];
+#ifdef ONE_LANE
+        // as many turns as a compiler can count: nothing of the tape is left then but its arithmetic
+#pragma unroll
+        for (int k = MOST_OPERATIONS - 1; k >= 0; k--)
+            if (k < count) pass_on(k);
+#else
+        for (int k = count - 1; k >= 0; k--) pass_on(k);
+#endif
+    }
+
+  private:
+    void pass_on(int k) {
+        for (int side = 0; side < 2; side++) {
+            const int parent = entries.parent[k][side];
+            if (parent >= 0) entries.gradient[parent] += entries.slope[k][side] * entries.gradient[k];
+        }
     }
 };
 

@@ -4,6 +4,10 @@
 #include "law_input.hpp"
 #include "quads.hpp"
 
+#ifdef STAGED
+extern __shared__ double2 shared_memory[];
+#endif
+
 namespace pcnclaws {
 
 // GELU x Phi(x) and its derivative, with the normal distribution Phi.
@@ -18,20 +22,65 @@ inline void gelu(double x, double& value, double& slope) {
     slope = below + x * (0.3989422804014327 * std::exp(-0.5 * x * x));
 }
 
-// Runs visit(k, weight k) for the weights of a row, which are read four at a time where their number allows.
-template <int COUNT, class T, class Visit> void each_weight(const T* row, Visit visit) {
-    if constexpr (COUNT % 4 == 0) {
+// The weights of a network with so many units, from where a thread reads them. Each is read once by every thread, and
+// waiting for the memory of the GPU each time would take longer than all else: the threads of a block fetch them together
+// into the memory that they share, unless there are too many (no STAGED).
+template <class T, int IN, int ONE, int TWO, int OUT> class NetworkWeights {
+  public:
+    explicit NetworkWeights(const Weights<T>& weights) : weights(weights) {}
+
+    T weight(int layer, int at) const { return get(2 * layer, weights.w[layer], at); }
+    T bias(int layer, int at) const { return get(2 * layer + 1, weights.b[layer], at); }
+    // Runs visit(k, weight k) for a row of the second layer, four at a time where that is possible.
+    template <class Visit> void each_of_row(int row, Visit visit) const {
+        if constexpr (ONE % 4 == 0) {
 #pragma unroll
-        for (int k = 0; k < COUNT; k += 4) {
-            const Quad<T> four = read_four(row + k);
+            for (int k = 0; k < ONE; k += 4) {
+                const Quad<T> four = get_four(row * ONE + k);
 #pragma unroll
-            for (int n = 0; n < 4; n++) visit(k + n, four[n]);
+                for (int n = 0; n < 4; n++) visit(k + n, four[n]);
+            }
+        } else {
+#pragma unroll
+            for (int k = 0; k < ONE; k++) visit(k, weight(1, row * ONE + k));
         }
-    } else {
-#pragma unroll
-        for (int k = 0; k < COUNT; k++) visit(k, read(row + k));
     }
-}
+
+  private:
+    const Weights<T>& weights;
+
+#ifdef STAGED
+    // numbers of the parts: weights and biases of the layers in turn; where they begin, at whole quads
+    static constexpr int SIZES[] = {IN * ONE, ONE, ONE * TWO, TWO, TWO * OUT, OUT};
+    static constexpr int begin(int part) {
+        int sum = 0;
+        for (int k = 0; k < part; k++) sum += (SIZES[k] + 3) / 4 * 4;
+        return sum;
+    }
+    static T* shared() { return reinterpret_cast<T*>(shared_memory); }
+    static T get(int part, const T*, int at) { return shared()[begin(part) + at]; }
+    static Quad<T> get_four(int at) { return *reinterpret_cast<const Quad<T>*>(shared() + begin(2) + at); }
+
+  public:
+    // to be called by all threads of a block
+    void fetch() const {
+#pragma unroll
+        for (int part = 0; part < 2 * LAYERS; part++) {
+            const T* from = part % 2 ? weights.b[part / 2] : weights.w[part / 2];
+#pragma unroll 8
+            for (int k = int(threadIdx.x); k < SIZES[part]; k += int(blockDim.x))
+                shared()[begin(part) + k] = read(from + k);
+        }
+        __syncthreads();
+    }
+#else
+    static T get(int, const T* from, int at) { return read(from + at); }
+    Quad<T> get_four(int at) const { return read_four(weights.w[1] + at); }
+
+  public:
+    void fetch() const {}
+#endif
+};
 
 // What the backward pass needs and the gradients of the weights are made of, unit after unit, each for all particles.
 //
@@ -43,18 +92,19 @@ template <class T> struct NetworkMemory {
     int64_t stride;
 };
 
-// IN, ONE, TWO, OUT: units of the layers. The rows of weights begin at whole quads.
+// IN, ONE, TWO, OUT: units of the layers.
 template <class T, int IN, int ONE, int TWO, int OUT> struct ThreadNetwork {
     struct Ends {  // values or gradients at the first and the last layer
         T in[IN], out[OUT];
     };
-    const Weights<T>& weights;
+    typedef NetworkWeights<T, IN, ONE, TWO, OUT> Given;
+    const Given& weights;
     const NetworkMemory<T>& memory;
     int64_t particle;
     Ends unit{}, gradient{};
     T slope_one[ONE], slope_two[TWO];  // of GELU
 
-    ThreadNetwork(const Weights<T>& weights, const NetworkMemory<T>& memory, int64_t particle)
+    ThreadNetwork(const Given& weights, const NetworkMemory<T>& memory, int64_t particle)
         : weights(weights), memory(memory), particle(particle) {}
 
     V get(const Ends& ends, int layer, int, int k) const { return V(layer == 0 ? ends.in[k] : ends.out[k]); }
@@ -67,9 +117,9 @@ template <class T, int IN, int ONE, int TWO, int OUT> struct ThreadNetwork {
         for (int i = 0; i < IN; i++) in[i] = unit.in[i];
 #pragma unroll
         for (int o = 0; o < ONE; o++) {
-            T sum = read(weights.b[0] + o), slope;
+            T sum = weights.bias(0, o), slope;
 #pragma unroll
-            for (int i = 0; i < IN; i++) sum += read(weights.w[0] + o * IN + i) * in[i];
+            for (int i = 0; i < IN; i++) sum += weights.weight(0, o * IN + i) * in[i];
             gelu(sum, one[o], slope);
             if (SLOPE) {
                 slope_one[o] = slope;
@@ -77,7 +127,7 @@ template <class T, int IN, int ONE, int TWO, int OUT> struct ThreadNetwork {
             }
         }
 #pragma unroll
-        for (int k = 0; k < OUT; k++) out[k] = read(weights.b[2] + k);
+        for (int k = 0; k < OUT; k++) out[k] = weights.bias(2, k);
         // several sums side by side: one alone would wait for its last term
         constexpr int SIDE = TWO % 4 == 0 ? 4 : 1;
 #pragma unroll 1
@@ -85,8 +135,8 @@ template <class T, int IN, int ONE, int TWO, int OUT> struct ThreadNetwork {
             T sum[SIDE];
 #pragma unroll
             for (int s = 0; s < SIDE; s++) {
-                sum[s] = read(weights.b[1] + first + s);
-                each_weight<ONE>(weights.w[1] + (first + s) * ONE, [&](int i, T w) { sum[s] += w * one[i]; });
+                sum[s] = weights.bias(1, first + s);
+                weights.each_of_row(first + s, [&](int i, T w) { sum[s] += w * one[i]; });
             }
 #pragma unroll
             for (int s = 0; s < SIDE; s++) {
@@ -98,7 +148,7 @@ template <class T, int IN, int ONE, int TWO, int OUT> struct ThreadNetwork {
                     keep(memory.inputs, IN + ONE + o, value);
                 }
 #pragma unroll
-                for (int k = 0; k < OUT; k++) out[k] += read(weights.w[2] + k * TWO + o) * value;
+                for (int k = 0; k < OUT; k++) out[k] += weights.weight(2, k * TWO + o) * value;
             }
         }
 #pragma unroll
@@ -119,17 +169,17 @@ template <class T, int IN, int ONE, int TWO, int OUT> struct ThreadNetwork {
         for (int o = 0; o < TWO; o++) {
             T sum = 0;
 #pragma unroll
-            for (int k = 0; k < OUT; k++) sum += read(weights.w[2] + k * TWO + o) * out[k];
+            for (int k = 0; k < OUT; k++) sum += weights.weight(2, k * TWO + o) * out[k];
             sum *= slope_two[o];
             keep(memory.gradients, ONE + o, sum);
-            each_weight<ONE>(weights.w[1] + o * ONE, [&](int i, T w) { one[i] += w * sum; });
+            weights.each_of_row(o, [&](int i, T w) { one[i] += w * sum; });
         }
 #pragma unroll
         for (int o = 0; o < ONE; o++) {
             const T sum = one[o] * slope_one[o];
             keep(memory.gradients, o, sum);
 #pragma unroll
-            for (int i = 0; i < IN; i++) in[i] += read(weights.w[0] + o * IN + i) * sum;
+            for (int i = 0; i < IN; i++) in[i] += weights.weight(0, o * IN + i) * sum;
         }
 #pragma unroll
         for (int k = 0; k < OUT; k++) keep(memory.gradients, ONE + TWO + k, out[k]);
