@@ -25,9 +25,9 @@ test: $(INSTALLED) ## run the tests that take seconds
 test-all: $(INSTALLED) ## run all tests that need no GPU
 	$(PYTEST) -m "not gpu"
 
-# PyTorch's compiler does not see through the checks of shapes that other tests run with, and warns of its own accord.
+# PyTorch warns of its own means of finding what waits for the GPU.
 test-gpu: $(INSTALLED) ## run the tests that need a GPU
-	$(RUN) pytest -m gpu -o addopts= -W default tests/test_cuda_graphs.py
+	$(RUN) pytest -m gpu -W default tests/test_cuda_graphs.py tests/test_gpu_kernels.py
 
 tables: $(INSTALLED) ## write the pages of results from the JSON files in docs/results
 	$(RUN) pcnclaws.results_page docs/results/accuracy docs/results.md docs/results/baselines docs/comparison.md

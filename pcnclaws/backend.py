@@ -18,8 +18,8 @@ def use_backend(name: str) -> None:
     """Chooses the implementation of the step.
 
     torch     the vectorised torch reference, on every device
-    compiled  hand-written C++ kernels on the CPU, recorded steps on a GPU; the law that has neither runs in torch
-    auto      compiled on a GPU, and on a CPU where a C++ compiler is found, torch otherwise
+    compiled  hand-written C++ kernels, on a GPU in steps that are recorded; a law that has none runs in torch
+    auto      compiled where the kernels can be compiled, torch otherwise
     raises    UserError for another name
     """
     global _configured

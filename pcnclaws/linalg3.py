@@ -165,9 +165,6 @@ _EXP_WEIGHTS = {torch.float64: _exp_weights(16), torch.float32: _exp_weights(10)
 
 def _weighted_sums(weights: Table, rows: Sequence[Scalars]) -> Tensor:
     """Weighted sums of some rows, (sums, particles)."""
-    if torch.compiler.is_compiling():  # written out, it joins the operations around it
-        sums = [[w * row for w, row in zip(of_sum, rows, strict=True) if w] for of_sum in weights]
-        return torch.stack([functools.reduce(torch.add, of_sum) for of_sum in sums])
     stacked = torch.stack(list(rows))
     return _constant(weights, stacked.dtype, stacked.device) @ stacked
 
@@ -185,8 +182,6 @@ def _moments_of_inverse_determinant(i1: Scalars, i2: Scalars, i3: Scalars, preci
     The nodes are enough for Y + I between sqrt(0.05) and sqrt(20).
     """
     nodes, weights = _LOG_QUADRATURE[precision]
-    if torch.compiler.is_compiling():
-        return _weighted_sums(weights, [(1.0 + t * (i1 + t * (i2 + t * i3))).reciprocal() for t in nodes])
     t = _constant((nodes,), i1.dtype, i1.device).T
     determinants = 1.0 + t * (i1 + t * (i2 + t * i3))
     return _constant(weights, i1.dtype, i1.device) @ determinants.reciprocal()

@@ -1,4 +1,7 @@
-"""The sources of the kernels for GPUs, their threads run one after the other on the CPU, against the CPU's kernels."""
+"""The kernels for GPUs against those of the CPU.
+
+The same sources, once on a GPU, and once on the CPU, their threads one after the other, so that no GPU is needed.
+"""
 
 import pytest
 import torch
@@ -16,31 +19,36 @@ from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="needs a C++ compiler")
+ON_GPU = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")]
+DEVICES = pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=ON_GPU)])
 PRECISIONS = pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-11), (torch.float32, 5e-6)])
 
 
+@DEVICES
 @PRECISIONS
 @pytest.mark.parametrize("kind", ["analytic", "neural", "free flow", "no prior"])
 @pytest.mark.parametrize("material", MATERIALS)
-def test_laws_and_their_gradients(material: str, kind: str, dtype: torch.dtype, tolerance: float) -> None:
+def test_laws_and_their_gradients(material: str, kind: str, dtype: torch.dtype, tolerance: float, device: str) -> None:
     simulator, batch = simulator_of(material, kind).to(dtype), in_dtype(moving_batch(material), dtype)
     laws = [law for law in (simulator.elasticity, simulator.plasticity) if law is not None]
     for law in laws:
-        found, expected = _of_gpu_source(law, batch), _of_cpu(law, batch)
+        found, expected = _of_gpu_source(law, batch, device), _of_cpu(law, batch)
         assert len(found) == len(expected)
         assert largest_difference(found, expected) < tolerance
 
 
+@DEVICES
 @pytest.mark.parametrize("width", [1, 7, 130])
-def test_networks_of_any_width(width: int) -> None:
+def test_networks_of_any_width(width: int, device: str) -> None:
     law, batch = simulator_of("plasticine", "neural", width=width).plasticity, moving_batch("plasticine")
     assert law is not None
-    assert largest_difference(_of_gpu_source(law, batch), _of_cpu(law, batch)) < 1e-11
+    assert largest_difference(_of_gpu_source(law, batch, device), _of_cpu(law, batch)) < 1e-11
 
 
+@DEVICES
 @PRECISIONS
 @pytest.mark.parametrize("boundary", ["slip", "stick"])
-def test_a_step_and_its_gradients(boundary: str, dtype: torch.dtype, tolerance: float) -> None:
+def test_a_step_and_its_gradients(boundary: str, dtype: torch.dtype, tolerance: float, device: str) -> None:
     state, scenes, _ = in_dtype(moving_batch("sand", (40, 5, 20)), dtype)
     integrator = MPMIntegrator(SimulationSettings(grid_nodes=10, boundary=boundary))
     stress = 100.0 * uniform(seeded(1), 3, 3, state.position.shape[1]).to(dtype)
@@ -50,32 +58,34 @@ def test_a_step_and_its_gradients(boundary: str, dtype: torch.dtype, tolerance: 
     expected = [*after, *torch.autograd.grad(after, inputs, incoming)]
 
     settings = integrator.kernel_settings
-    bodies = (scenes.scene_index, scenes.mass, scenes.volume, scenes.gravity)
-    step = gpu.StepInput(
-        settings.time_step, settings.nodes, settings.stick, settings.walls, bodies, tuple(t.detach() for t in inputs)
-    )
+    bodies = tuple(field.to(device) for field in scenes)
+    fields = tuple(field.detach().to(device) for field in inputs)
+    step = gpu.StepInput(settings.time_step, settings.nodes, settings.stick, settings.walls, bodies, fields)
     found, nodes = gpu.step_forward(step)
-    gradients = gpu.step_adjoint(step, nodes, found[1], found[2], incoming)
-    assert largest_difference([*found, *gradients], expected) < tolerance
+    gradients = gpu.step_adjoint(step, nodes, found[1], found[2], tuple(field.to(device) for field in incoming))
+    assert largest_difference([field.cpu() for field in (*found, *gradients)], expected) < tolerance
 
 
-def test_particles_that_have_gone_wrong() -> None:
+@DEVICES
+def test_particles_that_have_gone_wrong(device: str) -> None:
     state = moving_batch("sand").state
     state.position[0, 1], state.position[1, 2], state.deformation[1, :, 6] = -1e-6, float("nan"), 0.0
     with using_backend("torch"):
         expected = failing_particles(state)
     assert expected.sum() == 3
-    assert torch.equal(gpu.failing(state.position, state.deformation), expected)
+    found = gpu.failing(state.position.to(device), state.deformation.to(device))
+    assert torch.equal(found.cpu(), expected)
 
 
-def _of_gpu_source(law: Law, batch: Batch) -> list[Tensor]:
+def _of_gpu_source(law: Law, batch: Batch, device: str) -> list[Tensor]:
     """The result, and gradients of deformation, parameters and weights."""
     rows, weights, incoming = _inputs(law, batch)
     assert law.kernel is not None
-    given = law.kernel, batch.state.deformation, rows, weights
-    gradients = gpu.law_adjoint(*given, incoming, (True, True))
+    given = law.kernel, batch.state.deformation.to(device), rows.to(device), [weight.to(device) for weight in weights]
+    gradients = gpu.law_adjoint(*given, incoming.to(device), (True, True))
     assert gradients.parameters is not None
-    return [gpu.law_forward(*given), gradients.deformation, gradients.parameters, *gradients.weights]
+    found = [gpu.law_forward(*given), gradients.deformation, gradients.parameters, *gradients.weights]
+    return [tensor.cpu() for tensor in found]
 
 
 def _of_cpu(law: Law, batch: Batch) -> list[Tensor]:

@@ -8,6 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from rich.table import Table
 
+from pcnclaws.benchmarking import step_cost_on_gpu
 from pcnclaws.benchmarking.charts import COLOURS, chart, decorate, save, table_of
 
 UNIT = "T/1000 per 1000 particles and step"
@@ -18,6 +19,8 @@ PALE = 0.45
 def tables(document: Mapping[str, Any]) -> list[Table]:
     """Cost of every row with its bounds, and the peak memory."""
     results = document["results"]
+    if on_gpu(document):
+        return [step_cost_on_gpu.table(results["rows"])]
     table = table_of(
         "cost of a step per 1000 particles",
         "",
@@ -46,6 +49,8 @@ def tables(document: Mapping[str, Any]) -> list[Table]:
 def draw(document: Mapping[str, Any], folder: Path) -> list[Path]:
     """Bars of the cost of each kind of step, by implementation, beside other engines and the bounds."""
     results = document["results"]
+    if on_gpu(document):
+        return step_cost_on_gpu.draw(document, folder)
     groups = _groups(results)
     figure, axis = chart(width=11.0, height=4.4)
     series = list(dict.fromkeys(name for bars in groups.values() for name in bars))
@@ -68,6 +73,11 @@ def draw(document: Mapping[str, Any], folder: Path) -> list[Path]:
     )
     figure.supxlabel(note, fontsize=7, color="0.4")
     return [save(figure, folder / f"{document['problem']}.png")]
+
+
+def on_gpu(document: Mapping[str, Any]) -> bool:
+    """Whether a GPU was measured, for which the bounds and the other engines' costs do not hold."""
+    return document["provenance"]["device"] != "cpu"
 
 
 def axis_floor(costs: Iterable[float]) -> float:
