@@ -204,7 +204,7 @@ class _LawKernels:
             macros |= {"UNITS_1": weights[0].shape[0], "UNITS_2": weights[1].shape[0]}
             # each begins at four whole numbers
             needed = sum(-(-weight.numel() // 4) * 4 for weight in weights) * deformation.element_size()
-            if deformation.is_cuda and needed <= MOST_SHARED:
+            if needed <= MOST_SHARED:
                 macros["STAGED"], self._shared = 1, needed
         self._kernels = kernels_of("gpu_law.cu", deformation.device, NUMBER=NUMBERS[deformation.dtype], **macros)
         arrays = address(deformation), address(parameters), _weights(self.weights)

@@ -9,6 +9,9 @@ using namespace pcnclaws;
 using T = NUMBER;
 constexpr int INPUTS = LAW::FEATURES + ROWS - LAW::PARAMETERS;
 using Network = ThreadNetwork<T, std::max(INPUTS, 1), UNITS_1, UNITS_2, std::max(LAW::OUTPUTS, 1)>;
+#if defined(STAGED) && !defined(__CUDACC_RTC__)
+alignas(32) double shared_memory[48 * 1024 / sizeof(double)];
+#endif
 using Block = LawBlock<T, LAW, Network>;
 
 KERNEL(law_forward)

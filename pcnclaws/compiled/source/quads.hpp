@@ -34,7 +34,8 @@ template <class S> using Quad = typename QuadOf<S>::type;  // three components a
 
 // Reads what no kernel writes: a GPU may read it early, and each number once for all threads.
 #ifdef __CUDACC_RTC__
-template <class T> T read(const T* at) { return __ldg(at); }
+inline float read(const float* at) { return __ldg(at); }
+inline double read(const double* at) { return __ldg(at); }
 inline Four<float> read_four(const float* at) {
     const float4 four = __ldg(reinterpret_cast<const float4*>(at));
     return {{four.x, four.y, four.z, four.w}};
@@ -44,6 +45,7 @@ inline Four<double> read_four(const double* at) {
     const double2 high = __ldg(reinterpret_cast<const double2*>(at) + 1);
     return {{low.x, low.y, high.x, high.y}};
 }
+template <class T> Four<T> read(const Four<T>* at) { return read_four(&at->at[0]); }
 #else
 template <class T> T read(const T* at) { return *at; }
 template <class T> Quad<T> read_four(const T* at) { return Quad<T>{at[0], at[1], at[2], at[3]}; }

@@ -3,9 +3,10 @@
 #pragma once
 #include "law_input.hpp"
 #include "quads.hpp"
+#include "threads.hpp"
 
 #ifdef STAGED
-extern __shared__ double2 shared_memory[];
+extern SHARED double shared_memory[];
 #endif
 
 namespace pcnclaws {
@@ -61,17 +62,34 @@ template <class T, int IN, int ONE, int TWO, int OUT> class NetworkWeights {
     static T get(int part, const T*, int at) { return shared()[begin(part) + at]; }
     static Quad<T> get_four(int at) { return *reinterpret_cast<const Quad<T>*>(shared() + begin(2) + at); }
 
+    // Many numbers are on their way at once: waiting for each would take longer than all of the network.
+    template <class U> static void copy(const U* from, U* to, int count) {
+        constexpr int TOGETHER = 16;
+        const int threads = int(blockDim.x);
+        for (int first = int(threadIdx.x); first < count; first += TOGETHER * threads) {
+            U held[TOGETHER];
+#pragma unroll
+            for (int n = 0; n < TOGETHER; n++)
+                if (first + n * threads < count) held[n] = read(from + first + n * threads);
+#pragma unroll
+            for (int n = 0; n < TOGETHER; n++)
+                if (first + n * threads < count) to[first + n * threads] = held[n];
+        }
+    }
+
   public:
     // to be called by all threads of a block
     void fetch() const {
 #pragma unroll
         for (int part = 0; part < 2 * LAYERS; part++) {
             const T* from = part % 2 ? weights.b[part / 2] : weights.w[part / 2];
-#pragma unroll 8
-            for (int k = int(threadIdx.x); k < SIZES[part]; k += int(blockDim.x))
-                shared()[begin(part) + k] = read(from + k);
+            T* to = shared() + begin(part);
+            if (SIZES[part] % 4 == 0)
+                copy(reinterpret_cast<const Quad<T>*>(from), reinterpret_cast<Quad<T>*>(to), SIZES[part] / 4);
+            else
+                copy(from, to, SIZES[part]);
         }
-        __syncthreads();
+        wait_for_block();
     }
 #else
     static T get(int, const T* from, int at) { return read(from + at); }
