@@ -10,10 +10,10 @@ import torch
 
 from pcnclaws.benchmark import benchmark
 from pcnclaws.benchmarking.cases import Case, Prepared
+from pcnclaws.benchmarking.charts import axis_floor
 from pcnclaws.benchmarking.context import Checkpointed
 from pcnclaws.benchmarking.processes import peak_memory, seconds_of_process
 from pcnclaws.benchmarking.skip_trials import TRIALS, switched_off
-from pcnclaws.benchmarking.step_cost_report import axis_floor
 from pcnclaws.benchmarking.yardstick import Timing, Yardstick, cost_of, interleaved
 from pcnclaws.composition import compose_config
 from pcnclaws.skips import Skips

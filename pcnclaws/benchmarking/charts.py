@@ -1,6 +1,7 @@
 """The look that all pictures and tables of the benchmarks share."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,11 @@ def decorate(axis: Axes, horizontal: str, vertical: str) -> None:
     axis.grid(True, which="major", color="0.9")
     axis.set_axisbelow(True)
     axis.spines[["top", "right"]].set_visible(False)
+
+
+def axis_floor(costs: Iterable[float]) -> float:
+    """Power of ten below all costs: where bars on a logarithmic axis begin."""
+    return 10.0 ** (math.ceil(math.log10(min(costs))) - 1)
 
 
 def mark(axis: Axes, places: Sequence[float | int]) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 from rich.table import Table
 
-from pcnclaws.benchmarking.charts import COLOURS, chart, decorate, save, table_of
+from pcnclaws.benchmarking.charts import COLOURS, axis_floor, chart, decorate, save, table_of
 
 BAR = 0.8
 # What a step may cost [us], by kind and number of particles: the aims for a current GPU.
@@ -58,7 +58,9 @@ def draw(document: Mapping[str, Any], folder: Path) -> list[Path]:
             label = None if axis.get_legend_handles_labels()[1].count("aim") else "aim"
             axis.plot((place - BAR / 2, place + BAR / 2), (height, height), color="black", linewidth=1.2, label=label)
     axis.set_yscale("log")
-    axis.set_xticks(range(len(groups)), [f"{kind}\n{scenes} x {count // scenes}" for kind, scenes, count in groups])
+    axis.set_ylim(bottom=axis_floor(microseconds(row) for row in rows))
+    names = [f"{kind}\n{scenes} x {count // scenes:,}".replace(",", " ") for kind, scenes, count in groups]
+    axis.set_xticks(range(len(groups)), names, fontsize=8)
     decorate(axis, "scenes x particles", "time of a step [us]")
     axis.grid(False, axis="x")
     axis.legend(fontsize=7, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))

@@ -1,7 +1,6 @@
 """The tables and the picture of the cost of a step."""
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,7 @@ from matplotlib.axes import Axes
 from rich.table import Table
 
 from pcnclaws.benchmarking import step_cost_on_gpu
-from pcnclaws.benchmarking.charts import COLOURS, chart, decorate, save, table_of
+from pcnclaws.benchmarking.charts import COLOURS, axis_floor, chart, decorate, save, table_of
 
 UNIT = "T/1000 per 1000 particles and step"
 BAR = 0.84
@@ -78,11 +77,6 @@ def draw(document: Mapping[str, Any], folder: Path) -> list[Path]:
 def on_gpu(document: Mapping[str, Any]) -> bool:
     """Whether a GPU was measured, for which the bounds and the other engines' costs do not hold."""
     return document["provenance"]["device"] != "cpu"
-
-
-def axis_floor(costs: Iterable[float]) -> float:
-    """Power of ten below all costs: where bars on a logarithmic axis begin."""
-    return 10.0 ** (math.ceil(math.log10(min(costs))) - 1)
 
 
 def _groups(results: Mapping[str, Any]) -> dict[str, dict[str, float]]:
