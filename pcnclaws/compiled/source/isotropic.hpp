@@ -19,7 +19,7 @@ inline int64_t task_count(int64_t particles) { return (particles + TASK - 1) / T
 template <bool SLOPE, class T, class Law, class Visit>
 void for_each_block(const LawInput<T>& in, int threads, Visit visit) {
     std::vector<PackedWeights<T>> packed;
-    if (in.weights) packed.emplace_back(*in.weights);
+    if (in.weights) packed.emplace_back(*in.weights, SLOPE);
     parallel_for(task_count(in.particles), threads, [&](int64_t task) {
         std::vector<NetworkBlock<T>> network;
         if (in.weights) network.emplace_back(packed[0]);
@@ -47,8 +47,9 @@ template <class T, class Law>
 void law_adjoint(const LawInput<T>& in, const T* incoming, T* gradient, T* parameter_gradient,
                  T* const* weight_gradients, int threads) {
     std::vector<WeightGradients<T>> sums;
+    sums.reserve(size_t(task_count(in.particles)));
     if (weight_gradients && in.weights)
-        sums.assign(task_count(in.particles), WeightGradients<T>(PackedWeights<T>(*in.weights)));
+        for (int64_t task = 0; task < task_count(in.particles); task++) sums.emplace_back(*in.weights);
     for_each_block<true, T, Law>(in, threads, [&](Blocks<T, Law>& block, int64_t task) {
         typename Blocks<T, Law>::Adjoint adjoint[GROUPS];
         if constexpr (Blocks<T, Law>::NETWORK)
