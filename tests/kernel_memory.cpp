@@ -1,0 +1,107 @@
+// Runs the kernels on arrays of exactly their size, for a sanitizer to find what reads or writes beyond them. NUMBER is the
+// type of the state.
+#include <cstdio>
+#include <memory>
+#include <random>
+#include <vector>
+
+#include "failing.hpp"
+#include "isotropic.hpp"
+#include "transfer.hpp"
+
+using namespace pcnclaws;
+using T = NUMBER;
+
+static std::mt19937 generator(0);
+
+static std::vector<T> random(size_t count, double low, double high) {
+    std::uniform_real_distribution<double> uniform(low, high);
+    std::vector<T> out(count);
+    for (auto& x : out) x = T(uniform(generator));
+    return out;
+}
+
+static std::vector<T> deformations(size_t n) {
+    auto f = random(9 * n, -0.05, 0.05);
+    for (size_t k = 0; k < 9; k += 4)
+        for (size_t p = 0; p < n; p++) f[k * n + p] += T(1);
+    return f;
+}
+
+template <class Law> void run_law(size_t n, int width, int threads) {
+    constexpr bool NETWORK = Law::FEATURES > 0;
+    const int rows = Law::PARAMETERS + (NETWORK ? 1 : 0);
+    const auto f = deformations(n), incoming = random(9 * n, -1.0, 1.0);
+    const auto parameters = random(rows * n, 0.5, 1.5), rates = random(rows * n, -1.0, 1.0);
+    const int sizes[LAYERS + 1] = {Law::FEATURES + rows - Law::PARAMETERS, width, width, Law::OUTPUTS};
+    std::vector<std::vector<T>> arrays, gradients;
+    for (int l = 0; l < LAYERS; l++) arrays.push_back(random(size_t(sizes[l]) * sizes[l + 1], -0.3, 0.3));
+    for (int l = 0; l < LAYERS; l++) arrays.push_back(random(size_t(sizes[l + 1]), -0.3, 0.3));
+    gradients = arrays;
+    Weights<T> weights{};
+    T* wanted[2 * LAYERS];
+    for (int l = 0; l < 2 * LAYERS; l++) wanted[l] = gradients[l].data();
+    for (int l = 0; l <= LAYERS; l++) weights.sizes[l] = sizes[l];
+    for (int l = 0; l < LAYERS; l++) {
+        weights.w[l] = arrays[l].data();
+        weights.b[l] = arrays[LAYERS + l].data();
+    }
+    const LawInput<T> in{int64_t(n), f.data(), parameters.data(), rows, NETWORK ? &weights : nullptr};
+    std::vector<T> result(9 * n), gradient(9 * n), of_parameters(rows * n);
+    law_forward<T, Law>(in, result.data(), threads);
+    law_adjoint<T, Law>(in, incoming.data(), gradient.data(), of_parameters.data(), NETWORK ? wanted : nullptr, threads);
+    law_rates<T, Law>(in, incoming.data(), rates.data(), result.data(), gradient.data(), threads);
+}
+
+static void run_laws() {
+    for (size_t n : {1, 33, 1030})
+        for (int threads : {1, 2}) {
+            run_law<FixedCorotated>(n, 1, threads);
+            run_law<Tresca>(n, 1, threads);
+            for (int width : {1, 7, 40}) {
+                run_law<ElasticNet>(n, width, threads);
+                run_law<PlasticNet>(n, width, threads);
+            }
+        }
+}
+
+// Some scenes, one of them empty, with particles beside the walls, beyond them and nowhere.
+static void run_step(size_t n, bool window) {
+    const int64_t nodes = 10, scenes = 3;
+    const std::vector<unsigned char> walls = {1, 1, 1, 1, 0, 0, 0, 0, 0, 2, 2, 2, 2};
+    std::vector<int64_t> scene(n);
+    for (size_t p = 0; p < n; p++) scene[p] = p < n / 2 ? 0 : 2;
+    const auto mass = random(n, 0.5, 1.5), volume = random(n, 1e-4, 2e-4), gravity = random(3 * scenes, -9.0, 9.0);
+    const Settings settings{1e-4, nodes, 0, window, walls.data()};
+    const Bodies<T> bodies{int64_t(n), scenes, scene.data(), mass.data(), volume.data(), gravity.data()};
+    std::vector<std::vector<T>> before = {random(3 * n, 0.0, 1.0), random(3 * n, -1.0, 1.0),
+                                          random(9 * n, -1.0, 1.0), deformations(n), random(9 * n, -9.0, 9.0)};
+    for (size_t p = 0; p < n; p += 5) before[0][p] = T(p % 3 == 0 ? 2.0 : p % 3 == 1 ? -1e30 : NAN);
+    auto after = before, gradient = before, rates = before, after_rates = before;
+    const State<T> state{{before[0].data()}, {before[1].data()}, {before[2].data()}, {before[3].data()}};
+    const auto fields = [](std::vector<std::vector<T>>& of) {
+        return State<T>{{of[0].data()}, {of[1].data()}, {of[2].data()}, {of[3].data()}};
+    };
+    const Field<T> stress{before[4].data()};
+    Step<T>(settings, bodies, state, stress, 2).forward(fields(after));
+    Step<T>(settings, bodies, state, stress, 2)
+        .adjoint({after[1].data(), after[2].data()}, fields(rates), fields(gradient), {gradient[4].data()});
+    const auto with_rates = [](std::vector<std::vector<T>>& of, std::vector<std::vector<T>>& rate) {
+        return State<Rate<T>>{{of[0].data(), rate[0].data()},
+                              {of[1].data(), rate[1].data()},
+                              {of[2].data(), rate[2].data()},
+                              {of[3].data(), rate[3].data()}};
+    };
+    const State<Rate<T>> moving = with_rates(before, rates);
+    const Field<Rate<T>> moving_stress{before[4].data(), rates[4].data()};
+    Step<Rate<T>>(settings, bodies, moving, moving_stress, 2).forward(with_rates(after, after_rates));
+    const std::unique_ptr<bool[]> failed(new bool[n]);
+    find_failing(int64_t(n), before[0].data(), before[3].data(), failed.get());
+}
+
+int main() {
+    run_laws();
+    for (size_t n : {2, 37, 3000})
+        for (bool window : {false, true}) run_step(n, window);
+    std::puts("done");
+}

@@ -1,0 +1,49 @@
+"""Nothing in the kernels reads or writes beyond its arrays: sanitizers stop at the first such place."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from pcnclaws.compiled.build import SOURCES, find_compiler
+
+FLAGS = ("-std=c++17", "-O1", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-Wno-unknown-pragmas")
+SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+HERE = Path(__file__).parent
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", ["float", "double"])
+def test_kernels_stay_within_their_arrays(number: str, tmp_path: Path) -> None:
+    _run("kernel_memory.cpp", tmp_path, "-fopenmp", f"-DNUMBER={number}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", ["float", "double"])
+@pytest.mark.parametrize(("law", "rows"), [("ElasticNet", 3), ("PlasticNet", 4)])
+@pytest.mark.parametrize(("units", "staged"), [(40, True), (40, False), (7, True)])
+def test_kernels_for_gpus_stay_within_their_arrays(
+    law: str, rows: int, units: int, staged: bool, number: str, tmp_path: Path
+) -> None:
+    defined = {"NUMBER": number, "LAW": law, "ROWS": rows, "UNITS_1": units, "UNITS_2": units}
+    flags = [f"-D{name}={value}" for name, value in defined.items()]
+    _run("gpu_kernel_memory.cpp", tmp_path, "-DONE_LANE", *(["-DSTAGED"] if staged else []), *flags)
+
+
+def _run(source: str, folder: Path, *flags: str) -> None:
+    compiler = find_compiler()
+    program = folder / "program"
+    if compiler is None or not _sanitizers_work(compiler, folder):
+        pytest.skip("needs a C++ compiler with AddressSanitizer and UndefinedBehaviorSanitizer")
+    given = [*FLAGS, *SANITIZERS, *flags, f"-I{SOURCES}", str(HERE / source), "-o", str(program)]
+    subprocess.run([*compiler, *given], check=True, capture_output=True, text=True)
+    done = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "done\n"), done.stderr[:4000]
+
+
+def _sanitizers_work(compiler: tuple[str, ...], folder: Path) -> bool:
+    empty = folder / "empty.cpp"
+    empty.write_text("int main() {}\n")
+    program = folder / "empty"
+    built = subprocess.run([*compiler, *SANITIZERS, str(empty), "-o", str(program)], capture_output=True, check=False)
+    return built.returncode == 0 and subprocess.run([program], check=False).returncode == 0
