@@ -1,5 +1,5 @@
 // Runs the kernels of a law for GPUs, thread after thread on the CPU, on arrays of exactly their size, for a sanitizer to
-// find what reads or writes beyond them. LAW, ROWS, UNITS_1, UNITS_2 and STAGED as gpu_law.cu says.
+// find what reads or writes beyond them. NUMBER, LAW, ROWS, UNITS_0 to UNITS_3 and STAGED as gpu_law.cu says.
 #include <cstdio>
 #include <random>
 #include <vector>
@@ -21,7 +21,7 @@ int main() {
     for (size_t k = 0; k < 9; k += 4)
         for (int64_t p = 0; p < n; p++) f[k * n + p] += T(1);
     const auto parameters = random(ROWS * n, 0.5, 1.5), incoming = random(9 * n, -1.0, 1.0);
-    const int sizes[LAYERS + 1] = {INPUTS, UNITS_1, UNITS_2, LAW::OUTPUTS};
+    const int sizes[LAYERS + 1] = {UNITS_0, UNITS_1, UNITS_2, UNITS_3};
     std::vector<std::vector<T>> arrays;
     Weights<T> weights{};
     int units = 0;
@@ -35,7 +35,7 @@ int main() {
         weights.b[l] = arrays[2 * l + 1].data();
     }
     std::vector<T> result(9 * n), gradient(9 * n), of_parameters(ROWS * n);
-    std::vector<T> inputs((INPUTS + UNITS_1 + UNITS_2 + 1) * stride), gradients(units * stride);
+    std::vector<T> inputs((UNITS_0 + UNITS_1 + UNITS_2 + 1) * stride), gradients(units * stride);
     const NetworkMemory<T> memory{inputs.data(), gradients.data(), stride};
     for (thread = 0; thread < stride + 5; thread++) {
         law_forward(n, f.data(), parameters.data(), weights, result.data());

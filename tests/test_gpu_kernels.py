@@ -66,6 +66,18 @@ def test_a_step_and_its_gradients(boundary: str, dtype: torch.dtype, tolerance: 
     assert largest_difference([field.cpu() for field in (*found, *gradients)], expected) < tolerance
 
 
+def test_parameters_and_networks_that_do_not_fit_are_refused() -> None:
+    law, batch = simulator_of("sand", "neural").elasticity, moving_batch("sand")
+    rows, weights, _ = _inputs(law, batch)
+    for law_name, given, refused in (
+        ("ElasticNet", rows[:1], "rows of parameters"),
+        ("ElasticNet", rows[:2], "the network must fit"),
+        ("PlasticNet", rows, "the network must fit"),
+    ):
+        with pytest.raises(RuntimeError, match=refused):
+            gpu.law_forward(law_name, batch.state.deformation, given, weights)
+
+
 @DEVICES
 def test_particles_that_have_gone_wrong(device: str) -> None:
     state = moving_batch("sand").state

@@ -20,13 +20,13 @@ def test_kernels_stay_within_their_arrays(number: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", ["float", "double"])
-@pytest.mark.parametrize(("law", "rows"), [("ElasticNet", 3), ("PlasticNet", 4)])
+@pytest.mark.parametrize(("law", "rows", "ends"), [("ElasticNet", 3, (4, 6)), ("PlasticNet", 4, (4, 3))])
 @pytest.mark.parametrize(("units", "staged"), [(40, True), (40, False), (7, True)])
 def test_kernels_for_gpus_stay_within_their_arrays(
-    law: str, rows: int, units: int, staged: bool, number: str, tmp_path: Path
+    law: str, rows: int, ends: tuple[int, int], units: int, staged: bool, number: str, tmp_path: Path
 ) -> None:
-    defined = {"NUMBER": number, "LAW": law, "ROWS": rows, "UNITS_1": units, "UNITS_2": units}
-    flags = [f"-D{name}={value}" for name, value in defined.items()]
+    sizes = {f"UNITS_{layer}": count for layer, count in enumerate((ends[0], units, units, ends[1]))}
+    flags = [f"-D{name}={value}" for name, value in {"NUMBER": number, "LAW": law, "ROWS": rows, **sizes}.items()]
     _run("gpu_kernel_memory.cpp", tmp_path, "-DONE_LANE", *(["-DSTAGED"] if staged else []), *flags)
 
 

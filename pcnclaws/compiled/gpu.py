@@ -198,10 +198,11 @@ class _LawKernels:
 
     def __init__(self, law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> None:
         self.weights = _aligned(weights)
-        macros: dict[str, object] = {"LAW": law, "ROWS": parameters.shape[0], "UNITS_1": 1, "UNITS_2": 1}
+        units = (weights[0].shape[1], *(weight.shape[0] for weight in weights[:LAYERS])) if weights else (0, 0, 0, 0)
+        macros: dict[str, object] = {"LAW": law, "ROWS": parameters.shape[0]}
+        macros |= {f"UNITS_{layer}": count for layer, count in enumerate(units)}
         self._shared = 0
         if weights:
-            macros |= {"UNITS_1": weights[0].shape[0], "UNITS_2": weights[1].shape[0]}
             # each begins at four whole numbers
             needed = sum(-(-weight.numel() // 4) * 4 for weight in weights) * deformation.element_size()
             if needed <= MOST_SHARED:

@@ -1,14 +1,18 @@
 // The kernels of one law on a GPU, a thread for every particle. Given by macros: NUMBER, the type of the state; LAW, the
-// ROWS of its parameters, and UNITS_1 and UNITS_2 of its network's hidden layers, 1 without a network; STAGED where its
-// weights fit into the memory that the threads of a block share.
+// ROWS of its parameters, and UNITS_0 to UNITS_3 of its network's layers, 0 without a network; STAGED where its weights fit
+// into the memory that the threads of a block share.
 #include "law_block.hpp"
 #include "thread_network.hpp"
 #include "threads.hpp"
 
 using namespace pcnclaws;
 using T = NUMBER;
-constexpr int INPUTS = LAW::FEATURES + ROWS - LAW::PARAMETERS;
-using Network = ThreadNetwork<T, std::max(INPUTS, 1), UNITS_1, UNITS_2, std::max(LAW::OUTPUTS, 1)>;
+static_assert(LAW::PARAMETERS <= ROWS && ROWS <= MOST_ROWS, "the rows of parameters must fit the law");
+constexpr int INPUTS = LAW::FEATURES ? LAW::FEATURES + ROWS - LAW::PARAMETERS : 0;
+static_assert(UNITS_0 == INPUTS && UNITS_3 == LAW::OUTPUTS, "the network must fit the law");
+// an array has at least one number
+using Network =
+    ThreadNetwork<T, std::max(UNITS_0, 1), std::max(UNITS_1, 1), std::max(UNITS_2, 1), std::max(UNITS_3, 1)>;
 #if defined(STAGED) && !defined(__CUDACC_RTC__)
 alignas(32) double shared_memory[48 * 1024 / sizeof(double)];
 #endif
