@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from pcnclaws.backend import configured_backend
-from pcnclaws.compiled.kernels import in_forward_mode, in_function_transform
+from pcnclaws.compiled.kernels import in_forward_mode, in_function_transform, kernels_serve
 from pcnclaws.laws.base import FixedParameters
 from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.mpm.state import ParticleState, Scenes
@@ -42,8 +42,8 @@ def advanced(
     simulator: Simulator, state: ParticleState, scenes: Scenes, parameters: Parameters, count: int
 ) -> tuple[ParticleState, ParticleMask]:
     """The state `count` steps later without a graph, and which particles failed on the way."""
-    batch = _Batch(state, scenes, *_law_inputs(simulator, state, parameters))
-    return _graphs_for(simulator, batch, ()).advance(state, count)
+    batch = _Batch(state, scenes, *_law_inputs(simulator, state, scenes, parameters))
+    return _graphs_for(simulator, batch, None).advance(state, count)
 
 
 def differentiable_steps(
@@ -53,7 +53,7 @@ def differentiable_steps(
 
     Gradients reach the state, the parameters and the weights of the laws.
     """
-    names, inputs = _law_inputs(simulator, state, parameters)
+    names, inputs = _law_inputs(simulator, state, scenes, parameters)
     tensors = (*state, *scenes, *inputs, *simulator.trained_weights())
     return ParticleState(*_Steps.apply(simulator, names, len(inputs), count, *tensors))
 
@@ -72,10 +72,12 @@ class _Batch(NamedTuple):
 
 
 def _law_inputs(
-    simulator: Simulator, state: ParticleState, parameters: Parameters
+    simulator: Simulator, state: ParticleState, scenes: Scenes, parameters: Parameters
 ) -> tuple[tuple[str, ...] | None, list[Tensor]]:
     """Names and inputs of _Batch: what kernels read of the parameters is computed and differentiated once."""
-    if not simulator.runs_compiled(state):
+    given = (*state[1:], *parameters.values())
+    served = kernels_serve(state.position, given, scenes[1:], list(simulator.parameters()))
+    if not (served and simulator.runs_compiled(state)):
         return tuple(parameters), list(parameters.values())
     particles = state.position.shape[1]
     return None, [law.kernel_rows(parameters).expand(-1, particles).contiguous() for law in simulator.laws]
@@ -93,11 +95,11 @@ class _Steps(torch.autograd.Function):
         ctx: Any, simulator: Simulator, names: tuple[str, ...] | None, inputs: int, count: int, *tensors: Tensor
     ) -> tuple[Tensor, ...]:
         ctx.needed = ctx.needs_input_grad[4 + STATE_FIELDS + SCENE_FIELDS :]
-        ctx.simulator, ctx.names = simulator, names
-        kept = tensors[: STATE_FIELDS + SCENE_FIELDS + inputs]
-        batch = _batch_from(names, kept)
+        ctx.simulator, ctx.names, ctx.fields = simulator, names, STATE_FIELDS + SCENE_FIELDS + inputs
+        batch = _batch_from(names, tensors[: ctx.fields])
         graphs = _graphs_for(simulator, batch, ctx.needed)
-        ctx.save_for_backward(*kept, graphs.history(batch.state, count))
+        # the weights, too: PyTorch then finds out when they have changed before the backward pass
+        ctx.save_for_backward(graphs.history(batch.state, count), *tensors)
         return tuple(graphs.result())
 
     @staticmethod
@@ -105,8 +107,8 @@ class _Steps(torch.autograd.Function):
     def backward(  # pyright: ignore[reportIncompatibleMethodOverride]  # the decorator is untyped
         ctx: Any, *gradients: Tensor
     ) -> tuple[Tensor | None, ...]:
-        *kept, history = ctx.saved_tensors
-        graphs = _graphs_for(ctx.simulator, _batch_from(ctx.names, kept), ctx.needed)
+        history, *tensors = ctx.saved_tensors
+        graphs = _graphs_for(ctx.simulator, _batch_from(ctx.names, tensors[: ctx.fields]), ctx.needed)
         of_state, of_others = graphs.pull_back(history, gradients)
         found = iter(of_others)
         return (
@@ -135,24 +137,28 @@ class _Packed:
 class _StepGraphs:
     """The step of batches of one shape, recorded.
 
-    needed  which of the parameters and then of the weights are differentiated; none of them: forward steps alone
+    needed  which of the parameters and then of the weights are differentiated; None: forward steps alone
+    raises  ValueError for a scene_index that is none
     """
 
-    def __init__(self, simulator: Simulator, batch: _Batch, needed: Sequence[bool]) -> None:
+    def __init__(self, simulator: Simulator, batch: _Batch, needed: Sequence[bool] | None) -> None:
+        _check_scenes(batch.scenes)
         self._simulator, self._names = _twin(simulator), batch.names
+        self._laws = simulator.laws  # alive, so that no other law gets their place in memory and in _graphs_for
+        self._device = batch.state.position.device
         # what the recorded operations read and write: their addresses are part of the recording
         self._state = _Packed(batch.state)
         self._scenes = Scenes(*(field.clone() for field in batch.scenes))
         self._inputs = [values.detach().clone() for values in batch.inputs]
         self._failed = torch.zeros_like(batch.scenes.scene_index, dtype=torch.bool)
-        self._forward = _recorded(self._step_forward)
+        self._forward = _recorded(self._step_forward, self._device)
         self._backward: torch.cuda.CUDAGraph | None = None
-        if needed:
+        if needed is not None:
             others = [*self._inputs, *self._simulator.trained_weights()]
             self._gradient, self._needed = _Packed(batch.state), needed
             self._sums = _Packed([tensor for tensor, need in zip(others, needed, strict=True) if need])
             self._load(batch.state)
-            self._backward = _recorded(self._step_backward)
+            self._backward = _recorded(self._step_backward, self._device)
 
     def take(self, batch: _Batch) -> None:
         """The batch that the next steps are of."""
@@ -161,17 +167,19 @@ class _StepGraphs:
     def advance(self, state: ParticleState, count: int) -> tuple[ParticleState, ParticleMask]:
         """The state `count` steps later, and which particles failed on the way."""
         self._load(state)
-        for _ in range(count):
-            self._forward.replay()
+        with torch.cuda.device(self._device):
+            for _ in range(count):
+                self._forward.replay()
         return self.result(), self._failed.clone()
 
     def history(self, state: ParticleState, count: int) -> Tensor:
         """Runs `count` steps and keeps the state before each of them, (steps, numbers of a state)."""
         self._load(state)
         history = self._state.memory.new_empty(count, len(self._state.memory))
-        for before in history:
-            before.copy_(self._state.memory)
-            self._forward.replay()
+        with torch.cuda.device(self._device):
+            for before in history:
+                before.copy_(self._state.memory)
+                self._forward.replay()
         return history
 
     def result(self) -> ParticleState:
@@ -184,9 +192,10 @@ class _StepGraphs:
             raise RuntimeError("recorded without a backward pass")
         _copy(self._gradient.parts, gradients)
         self._sums.memory.zero_()
-        for before in history.flip(0):
-            self._state.memory.copy_(before)
-            self._backward.replay()
+        with torch.cuda.device(self._device):
+            for before in reversed(history.unbind()):
+                self._state.memory.copy_(before)
+                self._backward.replay()
         return ParticleState(*_Packed(self._gradient.parts).parts), _Packed(self._sums.parts).parts
 
     def _load(self, state: ParticleState) -> None:
@@ -219,26 +228,40 @@ class _StepGraphs:
 
 
 def _twin(simulator: Simulator) -> Simulator:
-    """The same simulator with the same memory of weights, which no graph of the user's holds on to.
+    """The same simulator with the same memory of weights and buffers, which no graph of the user's holds on to.
 
     Else a recording would wait for the stream that such a graph was made on, which CUDA does not allow.
     """
     twin = copy.deepcopy(simulator)
-    for ours, theirs in zip(twin.parameters(), simulator.parameters(), strict=True):
+    for ours, theirs in zip(_memory_of(twin), _memory_of(simulator), strict=True):
         ours.data = theirs.data
     return twin
+
+
+def _memory_of(simulator: Simulator) -> list[Tensor]:
+    return [*simulator.parameters(), *simulator.buffers()]
+
+
+def _check_scenes(scenes: Scenes) -> None:
+    index = scenes.scene_index
+    if index.numel() and not (int(index.min()) >= 0 and int(index.max()) < scenes.scene_count):
+        raise ValueError(f"scene_index must hold numbers from 0 to below the number of scenes, {scenes.scene_count}")
 
 
 _kept: WeakKeyDictionary[Simulator, OrderedDict[Any, _StepGraphs]] = WeakKeyDictionary()
 
 
-def _graphs_for(simulator: Simulator, batch: _Batch, needed: Sequence[bool]) -> _StepGraphs:
+def _graphs_for(simulator: Simulator, batch: _Batch, needed: Sequence[bool] | None) -> _StepGraphs:
     """A recording for this batch, made now or kept from one of the same shape."""
     recordings = _kept.setdefault(simulator, OrderedDict())
-    addresses = tuple(tensor.data_ptr() for tensor in (*simulator.parameters(), *simulator.buffers()))
-    position = batch.state.position
-    shape = position.shape[1], batch.scenes.scene_count, position.dtype, position.device
-    key = (shape, batch.names, tuple(needed), addresses)
+    key = (
+        tuple((tensor.shape, tensor.dtype, tensor.device) for tensor in (*batch.state, *batch.scenes, *batch.inputs)),
+        batch.names,
+        None if needed is None else tuple(needed),
+        tuple(id(law) for law in simulator.laws),
+        simulator.integrator.kernel_settings,
+        tuple((tensor.data_ptr(), tensor.requires_grad) for tensor in _memory_of(simulator)),
+    )
     if key in recordings:
         recordings.move_to_end(key)
         recordings[key].take(batch)
@@ -249,18 +272,19 @@ def _graphs_for(simulator: Simulator, batch: _Batch, needed: Sequence[bool]) -> 
     return recordings[key]
 
 
-def _recorded(work: Callable[[], None]) -> torch.cuda.CUDAGraph:
-    """The operations of some work as a graph to replay."""
-    aside = torch.cuda.Stream()
-    aside.wait_stream(torch.cuda.current_stream())
-    with torch.cuda.stream(aside):
-        for _ in range(WARM_UP):
+def _recorded(work: Callable[[], None], device: torch.device) -> torch.cuda.CUDAGraph:
+    """The operations of some work on a GPU as a graph to replay."""
+    with torch.cuda.device(device):
+        aside, graph = torch.cuda.Stream(device), torch.cuda.CUDAGraph()
+        aside.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(aside):
+            for _ in range(WARM_UP):
+                work()
+        torch.cuda.current_stream().wait_stream(aside)
+        # its own stream: the one that PyTorch takes otherwise belongs to the GPU that was first recorded on
+        with torch.cuda.graph(graph, stream=aside):
             work()
-    torch.cuda.current_stream().wait_stream(aside)
-    graph = torch.cuda.CUDAGraph()
-    with torch.cuda.graph(graph):
-        work()
-    return graph
+        return graph
 
 
 @torch.no_grad()

@@ -29,7 +29,8 @@ class _RecomputedStep(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, simulator: Simulator, names: tuple[str, ...], *tensors: Tensor) -> tuple[Tensor, ...]:
         ctx.simulator, ctx.names = simulator, names
-        ctx.save_for_backward(*tensors[: STATE_FIELDS + SCENE_FIELDS + len(names)])
+        # the weights, too: PyTorch then finds out when they have changed before the backward pass
+        ctx.save_for_backward(*tensors)
         return tuple(_step(simulator, names, tensors))
 
     @staticmethod
@@ -38,7 +39,8 @@ class _RecomputedStep(torch.autograd.Function):
         ctx: Any, *gradients: Tensor
     ) -> tuple[Tensor | None, ...]:
         needed = ctx.needs_input_grad[2:]
-        fields = [tensor.detach().requires_grad_(need) for tensor, need in zip(ctx.saved_tensors, needed, strict=False)]
+        saved = ctx.saved_tensors[: STATE_FIELDS + SCENE_FIELDS + len(ctx.names)]
+        fields = [tensor.detach().requires_grad_(need) for tensor, need in zip(saved, needed, strict=False)]
         tensors = [*fields, *ctx.simulator.trained_weights()]
         with torch.enable_grad():
             after = _step(ctx.simulator, ctx.names, fields)

@@ -163,7 +163,8 @@ def _differentiable_steps(simulator: Simulator, run: ActiveScenes, count: int, r
     if not run.any_running:
         return state
     if records_steps(state, scenes):
-        if torch.is_grad_enabled():
+        given = (*state, *parameters.values(), *simulator.trained_weights())
+        if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in given):
             return differentiable_steps(simulator, state, scenes, parameters, count)
         return advanced(simulator, state, scenes, parameters, count)[0]
     for _ in range(count):
@@ -195,7 +196,7 @@ def _run(
     """
     plan = recording.plan
     frames, rests = set(plan.frames), set(watch.looks if watch else ())
-    _require_physical(run, failing_particles(run.state), report)
+    _require_physical(run, failing_particles(run.state), 0, report)
     for n in sorted(n for n in {*frames, *rests, *run.joins, plan.steps} if n <= plan.steps):
         _advance(run, n, report, simulator)
         if n in frames:
@@ -213,7 +214,7 @@ def _advance(run: ActiveScenes, n: int, report: _Report, simulator: Simulator | 
         state, failed = advanced(simulator, state, run.group.scenes, run.group.parameters, count)
         if report.progress:
             report.progress(count)
-        _require_physical(run, failed, report)
+        _require_physical(run, failed, count, report)
     elif run.any_running and count:
         failed = torch.zeros_like(run.group.scenes.scene_index, dtype=torch.bool)
         for _ in range(count):
@@ -221,28 +222,32 @@ def _advance(run: ActiveScenes, n: int, report: _Report, simulator: Simulator | 
             failed = failed | failing_particles(state)
             if report.progress:
                 report.progress(1)
-        _require_physical(run, failed, report)
+        _require_physical(run, failed, count, report)
     elif report.progress and count:
         report.progress(count)
     run.reached(n, state)
 
 
-def _require_physical(run: ActiveScenes, failed: ParticleMask, report: _Report) -> None:
-    """Raises the error that names the first failing particle, found by running again from the last good state."""
+def _require_physical(run: ActiveScenes, failed: ParticleMask, count: int, report: _Report) -> None:
+    """Raises the error that names the first failing particle, found by running again from the last good state.
+
+    failed  which particles failed in the `count` steps after it
+    """
     if not bool(failed.any()):
         return
     state, n, scene_index = run.state, run.n, run.group.scenes.scene_index
-    while not bool((failing := failing_particles(state)).any()):
+    while not bool((failing := failing_particles(state)).any()) and n < run.n + count:
         state, n = run.step(state), n + 1
-    particle = int(failing.nonzero()[0])
+    again = bool(failing.any())
+    particle = int((failing if again else failed).nonzero()[0])
+    # on a GPU two runs differ by rounding
+    why = why_failing(state, particle) if again else "it left the domain or turned inside out by no more than rounding"
     scene = int(scene_index[particle])
     within = particle - int((scene_index < scene).sum())
     number = run.group.numbers[scene]
     name = report.scene_names[number] if report.scene_names else str(number)
     ending = f"; {report.advice}" if report.advice else ""
-    raise SimulationDiverged(
-        f"scene '{name}' diverged at step {n}: particle {within}: {why_failing(state, particle)}{ending}"
-    )
+    raise SimulationDiverged(f"scene '{name}' diverged at step {n}: particle {within}: {why}{ending}")
 
 
 def _free_steps(

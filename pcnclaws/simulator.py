@@ -46,7 +46,10 @@ class Simulator(nn.Module):
         return [weight for weight in self.parameters() if weight.requires_grad]
 
     def runs_compiled(self, state: ParticleState) -> bool:
-        """Whether every part of a step from this state is a compiled kernel, whose graph is no more than its inputs."""
+        """Whether every part of a step from this state is a compiled kernel.
+
+        On a CPU the graph of such a step is no more than its inputs.
+        """
         return all(law.kernel is not None for law in self.laws) and kernels_serve(state.position)
 
     def step_function(self, scenes: Scenes, parameters: Parameters, one_graph: bool = False) -> Step:

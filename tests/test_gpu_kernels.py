@@ -46,6 +46,25 @@ def test_networks_of_any_width(width: int, device: str) -> None:
 
 
 @DEVICES
+@pytest.mark.parametrize("particles", [600, 20_000])
+def test_gradients_of_weights_are_summed_over_all_particles(particles: int, device: str) -> None:
+    law, batch = simulator_of("sand", "neural", width=8).plasticity, moving_batch("sand", (particles - 5, 5))
+    assert law is not None
+    assert largest_difference(_of_gpu_source(law, batch, device), _of_cpu(law, batch)) < 1e-11
+
+
+def test_gradients_that_nobody_wants_change_no_other() -> None:
+    law, batch = simulator_of("sand", "neural").plasticity, moving_batch("sand")
+    assert law is not None
+    assert law.kernel is not None
+    rows, weights, incoming = _inputs(law, batch)
+    given = law.kernel, batch.state.deformation, rows, weights, incoming
+    both, one = (gpu.law_adjoint(*given, wanted) for wanted in ((True, True), (False, False)))
+    assert torch.equal(one.deformation, both.deformation)
+    assert (one.parameters, one.weights) == (None, [])
+
+
+@DEVICES
 @PRECISIONS
 @pytest.mark.parametrize("boundary", ["slip", "stick"])
 def test_a_step_and_its_gradients(boundary: str, dtype: torch.dtype, tolerance: float, device: str) -> None:
@@ -69,13 +88,17 @@ def test_a_step_and_its_gradients(boundary: str, dtype: torch.dtype, tolerance: 
 def test_parameters_and_networks_that_do_not_fit_are_refused() -> None:
     law, batch = simulator_of("sand", "neural").elasticity, moving_batch("sand")
     rows, weights, _ = _inputs(law, batch)
-    for law_name, given, refused in (
-        ("ElasticNet", rows[:1], "rows of parameters"),
-        ("ElasticNet", rows[:2], "the network must fit"),
-        ("PlasticNet", rows, "the network must fit"),
+    for law_name, given, network, refused in (
+        ("ElasticNet", rows[:1], weights, "rows of parameters"),
+        ("ElasticNet", rows[:2], weights, "the network must fit"),
+        ("PlasticNet", rows, weights, "the network must fit"),
+        ("FixedCorotated", rows, [], "rows of parameters"),
+        ("ElasticNet", rows, [], "the network must fit"),
     ):
         with pytest.raises(RuntimeError, match=refused):
-            gpu.law_forward(law_name, batch.state.deformation, given, weights)
+            gpu.law_forward(law_name, batch.state.deformation, given, network)
+    with pytest.raises(ValueError, match="float64 on cpu was given torch.float32 on cpu"):
+        gpu.law_forward("StVKHencky", batch.state.deformation, rows[:2].float(), [])
 
 
 @DEVICES

@@ -30,6 +30,12 @@ def test_kernels_for_gpus_stay_within_their_arrays(
     _run("gpu_kernel_memory.cpp", tmp_path, "-DONE_LANE", *(["-DSTAGED"] if staged else []), *flags)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("number", ["float", "double"])
+def test_a_step_for_gpus_stays_within_its_arrays(number: str, tmp_path: Path) -> None:
+    _run("gpu_step_memory.cpp", tmp_path, "-DONE_LANE", f"-DNUMBER={number}")
+
+
 def _run(source: str, folder: Path, *flags: str) -> None:
     compiler = find_compiler()
     program = folder / "program"

@@ -84,10 +84,11 @@ def law_adjoint(
     """Gradients from those of the result. wanted: those of the parameters, those of the weights."""
     gradient = torch.empty_like(deformation)
     of_parameters = torch.empty_like(parameters) if wanted[0] else None
-    kernels, memory = _LawKernels(law, deformation, parameters, weights), _NetworkMemory(weights, deformation)
+    kernels = _LawKernels(law, deformation, parameters, weights)
+    memory = _NetworkMemory(weights if wanted[1] else (), deformation)
     arrays = address(incoming), address(gradient), address(of_parameters), memory.described()
     kernels.start("law_adjoint", max(deformation.shape[2], memory.stride), *arrays)
-    return LawGradients(gradient, of_parameters, memory.weight_gradients() if wanted[1] and weights else [])
+    return LawGradients(gradient, of_parameters, memory.weight_gradients())
 
 
 def step_forward(step: StepInput) -> tuple[tuple[Tensor, ...], Nodes]:
@@ -153,7 +154,7 @@ class _Step:
 
 
 class _NetworkMemory:
-    """Memory of the backward pass of a network: NetworkMemory in source/thread_network.hpp.
+    """What the gradients of a network's weights are made of: NetworkMemory in source/thread_network.hpp.
 
     Its rows have whole chunks of particles, whose gradients of the weights are summed apart and then together: one sum
     over all particles would leave most of a GPU idle.
@@ -176,7 +177,9 @@ class _NetworkMemory:
         return _NetworkMemoryStructure(self._inputs.data_ptr(), self._gradients.data_ptr(), self.stride)
 
     def weight_gradients(self) -> list[Tensor]:
-        """Of the weights, then of the biases."""
+        """Of the weights, then of the biases; none where no weights were given."""
+        if not self._weights:
+            return []
         inputs, gradients = (of.unflatten(1, (-1, self._chunk)) for of in (self._inputs, self._gradients))
         # one product of all layers with all, most of it for nothing, takes less time than several small ones
         products = torch.bmm(gradients.transpose(0, 1), inputs.permute(1, 2, 0)).sum(0)
@@ -197,6 +200,11 @@ class _LawKernels:
     """Starts the kernels of a law, with what they all take."""
 
     def __init__(self, law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> None:
+        for tensor in (parameters, *weights):
+            if (tensor.dtype, tensor.device) != (deformation.dtype, deformation.device):
+                raise ValueError(
+                    f"a law of {deformation.dtype} on {deformation.device} was given {tensor.dtype} on {tensor.device}"
+                )
         self.weights = _aligned(weights)
         units = (weights[0].shape[1], *(weight.shape[0] for weight in weights[:LAYERS])) if weights else (0, 0, 0, 0)
         macros: dict[str, object] = {"LAW": law, "ROWS": parameters.shape[0]}
@@ -208,7 +216,7 @@ class _LawKernels:
             if needed <= MOST_SHARED:
                 macros["STAGED"], self._shared = 1, needed
         self._kernels = kernels_of("gpu_law.cu", deformation.device, NUMBER=NUMBERS[deformation.dtype], **macros)
-        arrays = address(deformation), address(parameters), _weights(self.weights)
+        arrays = address(deformation), address(parameters), Weights.of(self.weights)
         self._given = ctypes.c_int64(deformation.shape[2]), *arrays
 
     def start(self, name: str, threads: int, *arguments: object) -> None:
@@ -224,16 +232,6 @@ def _aligned(weights: Sequence[Tensor]) -> list[Tensor]:
     begin at one.
     """
     return [weight if weight.data_ptr() % ALIGNMENT == 0 else weight.clone() for weight in weights]
-
-
-def _weights(weights: Sequence[Tensor]) -> Weights:
-    """The structure that the kernels take."""
-    described = Weights()
-    for layer in range(len(weights) // 2):
-        described.weights[layer] = weights[layer].data_ptr()
-        described.biases[layer] = weights[LAYERS + layer].data_ptr()
-        described.sizes[layer + 1] = weights[layer].shape[0]
-    return described
 
 
 @cache

@@ -40,11 +40,10 @@ class Kernels(ABC):
 
 @cache
 def gpu_serves() -> bool:
-    """Whether kernels can be compiled for a GPU here; if not, one line of warning."""
+    """Whether kernels can be compiled for the GPU here; if not, one line of warning."""
     try:
-        _nvrtc()
-        _driver()
-    except OSError as error:
+        kernels_of("gpu_step.cu", torch.device("cuda"), NUMBER="float")
+    except (OSError, RuntimeError) as error:
         log.warning("kernels cannot be compiled for this GPU (%s): steps run in PyTorch, several times slower", error)
         return False
     return True
@@ -108,14 +107,16 @@ def _gpu_kernels(source: str, macros: Macros, device: int) -> Kernels:
     main = (SOURCES / source).read_bytes()
     key = hashlib.sha256("\n".join((_nvrtc_version(), *options)).encode() + main + b"".join(headers.values()))
     kept = writable(cache_folder()) / f"{Path(source).stem}-{key.hexdigest()[:20]}.cubin"
-    if not kept.exists():
+    try:
+        return _GpuKernels(kept.read_bytes(), device)
+    except (FileNotFoundError, RuntimeError):  # not there yet, or damaged
         what = dict(macros).get("LAW", "the step")
         log.warning("compiling %s for this GPU: once, a few seconds (simulation.backend=torch goes without)", what)
         with tempfile.TemporaryDirectory(dir=kept.parent) as folder:
             whole = Path(folder) / kept.name
             whole.write_bytes(_compiled(source, main, headers, options))
             whole.replace(kept)
-    return _GpuKernels(kept.read_bytes(), device)
+        return _GpuKernels(kept.read_bytes(), device)
 
 
 @functools.cache

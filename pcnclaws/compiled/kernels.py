@@ -44,6 +44,10 @@ def kernels_serve(
     if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in constants):
         return False
     if state.is_cuda:
+        if configured_backend() == "compiled" and not gpu_serves():
+            raise UserError(
+                "simulation.backend=compiled needs NVRTC, a part of PyTorch for GPUs; accepted: auto, torch"
+            )
         return not in_forward_mode() and gpu_serves()
     if in_forward_mode() and not _has_forward_mode(everything, (*constants, *weights)):
         return False

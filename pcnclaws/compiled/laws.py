@@ -19,7 +19,7 @@ from pcnclaws.compiled.kernels import (
     derivatives_wanted,
     require_first_derivative,
 )
-from pcnclaws.compiled.structures import LAYERS, LawInput, Weights
+from pcnclaws.compiled.structures import LawInput, Weights
 
 # in the order of `with_law` in source/kernels.cpp
 LAWS = (
@@ -61,14 +61,7 @@ def _evaluated(law: int, deformation: Tensor, parameters: Tensor, *weights: Tens
 
 def _described(deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> tuple[LawInput, Any]:
     """The kernel's input, and what must stay alive while it runs."""
-    network = None
-    if weights:
-        network = Weights()
-        for layer in range(LAYERS):
-            network.weights[layer] = weights[layer].data_ptr()
-            network.biases[layer] = weights[LAYERS + layer].data_ptr()
-            network.sizes[layer + 1] = weights[layer].shape[0]
-        network.sizes[0] = weights[0].shape[1]
+    network = Weights.of(weights) if weights else None
     pointer = ctypes.cast(ctypes.pointer(network), ctypes.c_void_p) if network is not None else None
     particles = deformation.shape[2]
     rows = parameters.shape[0]

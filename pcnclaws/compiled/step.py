@@ -93,12 +93,13 @@ class _Step(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, settings: StepSettings, later: bool, *tensors: Tensor) -> tuple[Tensor, ...]:
         bodies, state = _contiguous(tensors[:4]), _contiguous(tensors[4:])
+        nodes = None
         if later:
-            after, ctx.nodes = tuple(torch.empty_like(field) for field in state[:4]), None
+            after = tuple(torch.empty_like(field) for field in state[:4])
         else:
-            after, ctx.nodes = _stepped(settings, bodies, state)
+            after, nodes = _stepped(settings, bodies, state)
         ctx.settings, ctx.after = settings, tuple(field.detach() for field in after) if later else ()
-        ctx.save_for_backward(*bodies, *state, after[1], after[2])
+        ctx.save_for_backward(*bodies, *state, after[1], after[2], *(nodes or ()))
         ctx.save_for_forward(*bodies, *state)
         return after
 
@@ -108,10 +109,11 @@ class _Step(torch.autograd.Function):
     ) -> MoreTensors:
         require_first_derivative()
         saved = ctx.saved_tensors
-        bodies, state, (velocity, affine) = saved[:4], saved[4:9], saved[9:]
+        bodies, state, (velocity, affine, *nodes) = saved[:4], saved[4:9], saved[9:]
         incoming = _contiguous(incoming)
         if state[0].is_cuda:
-            gradient = gpu.step_adjoint(_on_gpu(ctx.settings, bodies, state), ctx.nodes, velocity, affine, incoming)
+            given = gpu.Nodes(*nodes), velocity, affine, incoming
+            gradient = gpu.step_adjoint(_on_gpu(ctx.settings, bodies, state), *given)
             return (None, None, None, None, None, None, *gradient)
         gradient = tuple(torch.empty_like(field) for field in state)
         after = (velocity, velocity, affine)  # the kernel reads the second and the third

@@ -1,6 +1,9 @@
 """What the kernels take, as C sees it: the structures of source/law_input.hpp and source/exchange.hpp."""
 
 import ctypes
+from collections.abc import Sequence
+
+from torch import Tensor
 
 LAYERS = 3
 
@@ -13,6 +16,16 @@ class Weights(ctypes.Structure):
         ("biases", ctypes.c_void_p * LAYERS),
         ("sizes", ctypes.c_int * (LAYERS + 1)),
     )
+
+    @classmethod
+    def of(cls, weights: Sequence[Tensor]) -> "Weights":
+        """Those of contiguous matrices (to, from), then biases, which must outlive it; empty for none."""
+        described = cls()
+        for layer in range(LAYERS if weights else 0):
+            described.weights[layer] = weights[layer].data_ptr()
+            described.biases[layer] = weights[LAYERS + layer].data_ptr()
+            described.sizes[layer], described.sizes[layer + 1] = weights[layer].shape[1], weights[layer].shape[0]
+        return described
 
 
 class LawInput(ctypes.Structure):

@@ -1,5 +1,5 @@
 // What one particle and one node do in a step and in its adjoint: the same for the tasks of a CPU (transfer.hpp) and the
-// threads of a GPU (gpu.cu). The method and its sources are stated in pcnclaws/mpm/integrator.py.
+// threads of a GPU (gpu_step.cu). The method and its sources are stated in pcnclaws/mpm/integrator.py.
 #pragma once
 #include "stencils.hpp"
 

@@ -7,14 +7,15 @@
 
 using namespace pcnclaws;
 using T = NUMBER;
-static_assert(LAW::PARAMETERS <= ROWS && ROWS <= MOST_ROWS, "the rows of parameters must fit the law");
+static_assert(LAW::FEATURES ? LAW::PARAMETERS <= ROWS && ROWS <= MOST_ROWS : ROWS == LAW::PARAMETERS,
+              "the rows of parameters must fit the law");
 constexpr int INPUTS = LAW::FEATURES ? LAW::FEATURES + ROWS - LAW::PARAMETERS : 0;
 static_assert(UNITS_0 == INPUTS && UNITS_3 == LAW::OUTPUTS, "the network must fit the law");
 // an array has at least one number
 using Network =
     ThreadNetwork<T, std::max(UNITS_0, 1), std::max(UNITS_1, 1), std::max(UNITS_2, 1), std::max(UNITS_3, 1)>;
 #if defined(STAGED) && !defined(__CUDACC_RTC__)
-alignas(32) double shared_memory[48 * 1024 / sizeof(double)];
+alignas(32) double shared_memory[(Network::Given::TOTAL * sizeof(T) + 7) / 8];
 #endif
 using Block = LawBlock<T, LAW, Network>;
 

@@ -78,6 +78,8 @@ template <class T, int IN, int ONE, int TWO, int OUT> class NetworkWeights {
     }
 
   public:
+    static constexpr int TOTAL = begin(2 * LAYERS);  // numbers that the threads of a block share
+
     // to be called by all threads of a block
     void fetch() const {
 #pragma unroll
@@ -100,7 +102,7 @@ template <class T, int IN, int ONE, int TWO, int OUT> class NetworkWeights {
 #endif
 };
 
-// What the backward pass needs and the gradients of the weights are made of, unit after unit, each for all particles.
+// What the gradients of the weights are made of, unit after unit, each for all particles; null where they are not wanted.
 //
 // inputs     of the layers: the first one's, then those of the others, then 1
 // gradients  at the outputs of the layers, before GELU
@@ -212,7 +214,9 @@ template <class T, int IN, int ONE, int TWO, int OUT> struct ThreadNetwork {
     }
 
   private:
-    void keep(T* of, int row, T value) const { of[row * memory.stride + particle] = value; }
+    void keep(T* of, int row, T value) const {
+        if (of) of[row * memory.stride + particle] = value;
+    }
 };
 
 }  // namespace pcnclaws

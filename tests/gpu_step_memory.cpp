@@ -1,0 +1,52 @@
+// Runs the kernels of a step for GPUs, thread after thread on the CPU, on arrays of exactly their size, for a sanitizer to
+// find what reads or writes beyond them: with particles beside the walls, beyond them and nowhere. NUMBER as gpu_step.cu
+// says.
+#include <cstdio>
+#include <memory>
+#include <random>
+#include <vector>
+
+#include "gpu_step.cu"
+
+static std::mt19937 generator(0);
+
+static std::vector<T> random(size_t count, double low, double high) {
+    std::uniform_real_distribution<double> uniform(low, high);
+    std::vector<T> out(count);
+    for (auto& x : out) x = T(uniform(generator));
+    return out;
+}
+
+static Fields fields(std::vector<std::vector<T>>& of) {
+    return {of[0].data(), of[1].data(), of[2].data(), of[3].data(), of[4].data()};
+}
+
+int main() {
+    const int64_t n = 41, nodes = 10, scenes = 3, node_count = scenes * 13 * 13 * 13;
+    const std::vector<unsigned char> walls = {1, 1, 1, 1, 0, 0, 0, 0, 0, 2, 2, 2, 2};
+    std::vector<int64_t> scene(n);
+    for (int64_t p = 0; p < n; p++) scene[p] = p < n / 2 ? 0 : 2;
+    const auto mass = random(n, 0.5, 1.5), volume = random(n, 1e-4, 2e-4), gravity = random(3 * scenes, -9.0, 9.0);
+    const Settings settings{1e-4, nodes, 0, 0, walls.data()};
+    const Bodies<T> bodies{n, scenes, scene.data(), mass.data(), volume.data(), gravity.data()};
+    std::vector<std::vector<T>> before = {random(3 * n, 0.0, 1.0), random(3 * n, -1.0, 1.0), random(9 * n, -1.0, 1.0),
+                                          random(9 * n, -1.0, 1.0), random(9 * n, -9.0, 9.0)};
+    for (int64_t p = 0; p < n; p += 5) before[0][p] = T(p % 3 == 0 ? 2.0 : p % 3 == 1 ? -1e30 : NAN);
+    auto after = before, incoming = before, gradient = before;
+    std::vector<Quad<T>> momentum(node_count), moved(node_count), node_gradients(node_count);
+    const std::unique_ptr<bool[]> failed(new bool[n]);
+    const auto each = [](int64_t count, auto kernel) {
+        for (thread = 0; thread < count + 3; thread++) kernel();
+    };
+    each(n, [&] { scatter_state(settings, bodies, fields(before), momentum.data()); });
+    each(node_count, [&] { move_nodes(settings, bodies, momentum.data(), moved.data()); });
+    each(n, [&] { gather_state(settings, bodies, fields(before), moved.data(), fields(after)); });
+    each(n, [&] { scatter_gradient(settings, bodies, fields(before), fields(incoming), node_gradients.data()); });
+    each(node_count, [&] { adjoint_nodes(settings, bodies, momentum.data(), node_gradients.data()); });
+    each(n, [&] {
+        gather_gradient(settings, bodies, fields(before), {after[1].data(), after[2].data()}, fields(incoming),
+                        moved.data(), node_gradients.data(), fields(gradient));
+    });
+    each(n, [&] { find_failing(n, before[0].data(), before[3].data(), failed.get()); });
+    std::puts("done");
+}
