@@ -208,8 +208,8 @@ class _StepGraphs:
         self._failed.logical_or_(failing_particles(after))
         _copy(self._state.parts, after)
 
-    def _step(self, state: ParticleState, inputs: Sequence[Tensor]) -> ParticleState:
-        return self._simulator(state, self._scenes, _parameters_of(self._simulator, self._names, inputs))
+    def _step(self, state: ParticleState, inputs: Sequence[Tensor], evaluated: bool = True) -> ParticleState:
+        return self._simulator(state, self._scenes, _parameters_of(self._simulator, self._names, inputs), evaluated)
 
     def _step_backward(self) -> None:
         fields = [field.detach().requires_grad_() for field in self._state.parts]
@@ -219,7 +219,7 @@ class _StepGraphs:
         others = [*inputs, *self._simulator.trained_weights()]
         wanted = [*fields, *(tensor for tensor, need in zip(others, self._needed, strict=True) if need)]
         with torch.enable_grad():
-            after = self._step(ParticleState(*fields), inputs)
+            after = self._step(ParticleState(*fields), inputs, evaluated=False)
         found = torch.autograd.grad(after, wanted, self._gradient.parts, allow_unused=True, materialize_grads=True)
         with torch.no_grad():
             _copy(self._gradient.parts, found[:STATE_FIELDS])

@@ -31,7 +31,7 @@ class _RecomputedStep(torch.autograd.Function):
         ctx.simulator, ctx.names = simulator, names
         # the weights, too: PyTorch then finds out when they have changed before the backward pass
         ctx.save_for_backward(*tensors)
-        return tuple(_step(simulator, names, tensors))
+        return tuple(_step(simulator, names, tensors, evaluated=True))
 
     @staticmethod
     @once_differentiable
@@ -43,13 +43,13 @@ class _RecomputedStep(torch.autograd.Function):
         fields = [tensor.detach().requires_grad_(need) for tensor, need in zip(saved, needed, strict=False)]
         tensors = [*fields, *ctx.simulator.trained_weights()]
         with torch.enable_grad():
-            after = _step(ctx.simulator, ctx.names, fields)
+            after = _step(ctx.simulator, ctx.names, fields, evaluated=False)
         wanted = [tensor for tensor, need in zip(tensors, needed, strict=True) if need]
         found = iter(torch.autograd.grad(after, wanted, gradients, allow_unused=True))
         return (None, None, *(next(found) if need else None for need in needed))
 
 
-def _step(simulator: Simulator, names: tuple[str, ...], tensors: Sequence[Tensor]) -> ParticleState:
+def _step(simulator: Simulator, names: tuple[str, ...], tensors: Sequence[Tensor], evaluated: bool) -> ParticleState:
     state, others = tensors[:STATE_FIELDS], tensors[STATE_FIELDS:]
     parameters = dict(zip(names, others[SCENE_FIELDS:], strict=False))
-    return simulator(ParticleState(*state), Scenes(*others[:SCENE_FIELDS]), parameters)
+    return simulator(ParticleState(*state), Scenes(*others[:SCENE_FIELDS]), parameters, evaluated)

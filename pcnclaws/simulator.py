@@ -27,13 +27,18 @@ class Simulator(nn.Module):
         self.plasticity = plasticity
         self.integrator = integrator
 
-    def forward(self, state: ParticleState, scenes: Scenes, parameters: Parameters) -> ParticleState:
-        """The state one time step later."""
+    def forward(
+        self, state: ParticleState, scenes: Scenes, parameters: Parameters, evaluated: bool = True
+    ) -> ParticleState:
+        """The state one time step later.
+
+        evaluated  False for a state that is differentiated but not looked at: its deformation may have no meaning
+        """
         stress = self.elasticity(state.deformation, parameters)
         trial = self.integrator(state, stress, scenes)
         if self.plasticity is None:
             return trial
-        after_flow = self.plasticity(trial.deformation, parameters)
+        after_flow = self.plasticity(trial.deformation, parameters, evaluated)
         return ParticleState(trial.position, trial.velocity, trial.affine, after_flow)
 
     @property

@@ -204,6 +204,18 @@ def test_gradients_at_small_strains(material: str, size: float) -> None:
         assert float(difference.double().quantile(0.97 if dtype == torch.float32 else 1.0)) < tolerance
 
 
+def test_a_result_that_nobody_looks_at_has_the_same_gradients() -> None:
+    simulator, batch = simulator_of("sand", "neural"), moving_batch("sand")
+    found = []
+    for evaluated in (True, False):
+        state = batch.state._replace(deformation=batch.state.deformation.clone().requires_grad_())
+        after = simulator(state, batch.scenes, batch.parameters, evaluated)
+        incoming = [uniform(seeded(8), *field.shape) for field in after]
+        found.append(torch.autograd.grad(after, [state.deformation, *simulator.parameters()], incoming))
+        assert torch.equal(after.deformation, after_steps(simulator, batch, 1).deformation) == evaluated
+    assert all(torch.equal(a, b) for a, b in zip(*found, strict=True))
+
+
 def test_second_derivatives_are_refused_and_mixed_modes_run_in_pytorch() -> None:
     batch = moving_batch("sand")
     f = batch.state.deformation.clone().requires_grad_()

@@ -36,18 +36,21 @@ LAWS = (
 )
 
 
-def isotropic_law(law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor] = ()) -> Tensor:
+def isotropic_law(
+    law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor] = (), evaluated: bool = True
+) -> Tensor:
     """Kirchhoff stress [Pa] or elastic deformation gradient [-] of a law, (3, 3, particles).
 
     law          one of LAWS
     deformation  F [-], (3, 3, particles), det F > 0
     parameters   what source/laws.hpp names for the law, then further inputs of its network, (rows, particles)
     weights      of a network with two hidden layers: three matrices (to, from), then three biases (to, 1)
+    evaluated    False for a result that is differentiated but not looked at: its numbers have no meaning
     """
     tensors = (deformation, parameters, *weights)
     if not derivatives_wanted():
         return _evaluated(LAWS.index(law), *(tensor.contiguous() for tensor in tensors))
-    return _Law.apply(LAWS.index(law), carries_rates(tensors), *tensors)
+    return _Law.apply(LAWS.index(law), carries_rates(tensors) or not evaluated, *tensors)
 
 
 def _evaluated(law: int, deformation: Tensor, parameters: Tensor, *weights: Tensor) -> Tensor:
@@ -70,7 +73,7 @@ def _described(deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor
 
 
 class _Law(torch.autograd.Function):
-    """later: the kernel of the rates computes the result, too, and jvp, which PyTorch calls next, fills it in."""
+    """later: the result is not computed. Where rates are, jvp, which PyTorch calls next, fills it in."""
 
     @staticmethod
     def forward(ctx: Any, law: int, later: bool, *tensors: Tensor) -> Tensor:

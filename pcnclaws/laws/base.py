@@ -37,7 +37,8 @@ class Law(nn.Module, ABC):
     def evaluate(self, deformation: Matrices, parameters: Parameters) -> Matrices:
         """The law in PyTorch: the reference, and what runs where no kernel does."""
 
-    def forward(self, deformation: Matrices, parameters: Parameters) -> Matrices:
+    def forward(self, deformation: Matrices, parameters: Parameters, evaluated: bool = True) -> Matrices:
+        """evaluated: False for a result that is differentiated but not looked at, which a kernel need not compute."""
         if self.kernel is None:
             return self.evaluate(deformation, parameters)
         weights = self.kernel_weights()
@@ -46,7 +47,7 @@ class Law(nn.Module, ABC):
         rows = parameters.rows_of(self) if isinstance(parameters, FixedParameters) else None
         if rows is None:
             rows = self.kernel_rows(parameters)
-        return isotropic_law(self.kernel, deformation, rows.expand(-1, deformation.shape[-1]), weights)
+        return isotropic_law(self.kernel, deformation, rows.expand(-1, deformation.shape[-1]), weights, evaluated)
 
     def kernel_rows(self, parameters: Parameters) -> Float[Tensor, "rows particles"]:
         """kernel_parameters as one tensor."""
