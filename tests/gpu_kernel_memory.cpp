@@ -1,33 +1,22 @@
 // Runs the kernels of a law for GPUs, thread after thread on the CPU, on arrays of exactly their size, for a sanitizer to
 // find what reads or writes beyond them. NUMBER, LAW, ROWS, UNITS_0 to UNITS_3 and STAGED as gpu_law.cu says.
 #include <cstdio>
-#include <random>
 #include <vector>
 
 #include "gpu_law.cu"
-
-static std::mt19937 generator(0);
-
-static std::vector<T> random(size_t count, double low, double high) {
-    std::uniform_real_distribution<double> uniform(low, high);
-    std::vector<T> out(count);
-    for (auto& x : out) x = T(uniform(generator));
-    return out;
-}
+#include "random_arrays.hpp"
 
 int main() {
     const int64_t n = 37, stride = 64;
-    auto f = random(9 * n, -0.05, 0.05);
-    for (size_t k = 0; k < 9; k += 4)
-        for (int64_t p = 0; p < n; p++) f[k * n + p] += T(1);
-    const auto parameters = random(ROWS * n, 0.5, 1.5), incoming = random(9 * n, -1.0, 1.0);
+    const auto f = deformations<T>(n);
+    const auto parameters = random_array<T>(ROWS * n, 0.5, 1.5), incoming = random_array<T>(9 * n, -1.0, 1.0);
     const int sizes[LAYERS + 1] = {UNITS_0, UNITS_1, UNITS_2, UNITS_3};
     std::vector<std::vector<T>> arrays;
     Weights<T> weights{};
     int units = 0;
     for (int l = 0; l < LAYERS; l++) {
-        arrays.push_back(random(size_t(sizes[l]) * sizes[l + 1], -0.3, 0.3));
-        arrays.push_back(random(size_t(sizes[l + 1]), -0.3, 0.3));
+        arrays.push_back(random_array<T>(size_t(sizes[l]) * sizes[l + 1], -0.3, 0.3));
+        arrays.push_back(random_array<T>(size_t(sizes[l + 1]), -0.3, 0.3));
         units += sizes[l + 1];
     }
     for (int l = 0; l < LAYERS; l++) {

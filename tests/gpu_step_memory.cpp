@@ -3,19 +3,10 @@
 // says.
 #include <cstdio>
 #include <memory>
-#include <random>
 #include <vector>
 
 #include "gpu_step.cu"
-
-static std::mt19937 generator(0);
-
-static std::vector<T> random(size_t count, double low, double high) {
-    std::uniform_real_distribution<double> uniform(low, high);
-    std::vector<T> out(count);
-    for (auto& x : out) x = T(uniform(generator));
-    return out;
-}
+#include "random_arrays.hpp"
 
 static Fields fields(std::vector<std::vector<T>>& of) {
     return {of[0].data(), of[1].data(), of[2].data(), of[3].data(), of[4].data()};
@@ -26,12 +17,13 @@ int main() {
     const std::vector<unsigned char> walls = {1, 1, 1, 1, 0, 0, 0, 0, 0, 2, 2, 2, 2};
     std::vector<int64_t> scene(n);
     for (int64_t p = 0; p < n; p++) scene[p] = p < n / 2 ? 0 : 2;
-    const auto mass = random(n, 0.5, 1.5), volume = random(n, 1e-4, 2e-4), gravity = random(3 * scenes, -9.0, 9.0);
+    const auto mass = random_array<T>(n, 0.5, 1.5), volume = random_array<T>(n, 1e-4, 2e-4);
+    const auto gravity = random_array<T>(3 * scenes, -9.0, 9.0);
     const Settings settings{1e-4, nodes, 0, 0, walls.data()};
     const Bodies<T> bodies{n, scenes, scene.data(), mass.data(), volume.data(), gravity.data()};
-    std::vector<std::vector<T>> before = {random(3 * n, 0.0, 1.0), random(3 * n, -1.0, 1.0), random(9 * n, -1.0, 1.0),
-                                          random(9 * n, -1.0, 1.0), random(9 * n, -9.0, 9.0)};
-    for (int64_t p = 0; p < n; p += 5) before[0][p] = T(p % 3 == 0 ? 2.0 : p % 3 == 1 ? -1e30 : NAN);
+    std::vector<std::vector<T>> before = {stray_positions<T>(n), random_array<T>(3 * n, -1.0, 1.0),
+                                          random_array<T>(9 * n, -1.0, 1.0), deformations<T>(n),
+                                          random_array<T>(9 * n, -9.0, 9.0)};
     auto after = before, incoming = before, gradient = before;
     std::vector<Quad<T>> momentum(node_count), moved(node_count), node_gradients(node_count);
     const std::unique_ptr<bool[]> failed(new bool[n]);

@@ -2,41 +2,25 @@
 // type of the state.
 #include <cstdio>
 #include <memory>
-#include <random>
 #include <vector>
 
 #include "failing.hpp"
 #include "isotropic.hpp"
+#include "random_arrays.hpp"
 #include "transfer.hpp"
 
 using namespace pcnclaws;
 using T = NUMBER;
 
-static std::mt19937 generator(0);
-
-static std::vector<T> random(size_t count, double low, double high) {
-    std::uniform_real_distribution<double> uniform(low, high);
-    std::vector<T> out(count);
-    for (auto& x : out) x = T(uniform(generator));
-    return out;
-}
-
-static std::vector<T> deformations(size_t n) {
-    auto f = random(9 * n, -0.05, 0.05);
-    for (size_t k = 0; k < 9; k += 4)
-        for (size_t p = 0; p < n; p++) f[k * n + p] += T(1);
-    return f;
-}
-
 template <class Law> void run_law(size_t n, int width, int threads) {
     constexpr bool NETWORK = Law::FEATURES > 0;
     const int rows = Law::PARAMETERS + (NETWORK ? 1 : 0);
-    const auto f = deformations(n), incoming = random(9 * n, -1.0, 1.0);
-    const auto parameters = random(rows * n, 0.5, 1.5), rates = random(rows * n, -1.0, 1.0);
+    const auto f = deformations<T>(n), incoming = random_array<T>(9 * n, -1.0, 1.0);
+    const auto parameters = random_array<T>(rows * n, 0.5, 1.5), rates = random_array<T>(rows * n, -1.0, 1.0);
     const int sizes[LAYERS + 1] = {Law::FEATURES + rows - Law::PARAMETERS, width, width, Law::OUTPUTS};
     std::vector<std::vector<T>> arrays, gradients;
-    for (int l = 0; l < LAYERS; l++) arrays.push_back(random(size_t(sizes[l]) * sizes[l + 1], -0.3, 0.3));
-    for (int l = 0; l < LAYERS; l++) arrays.push_back(random(size_t(sizes[l + 1]), -0.3, 0.3));
+    for (int l = 0; l < LAYERS; l++) arrays.push_back(random_array<T>(size_t(sizes[l]) * sizes[l + 1], -0.3, 0.3));
+    for (int l = 0; l < LAYERS; l++) arrays.push_back(random_array<T>(size_t(sizes[l + 1]), -0.3, 0.3));
     gradients = arrays;
     Weights<T> weights{};
     T* wanted[2 * LAYERS];
@@ -71,12 +55,13 @@ static void run_step(size_t n, bool window) {
     const std::vector<unsigned char> walls = {1, 1, 1, 1, 0, 0, 0, 0, 0, 2, 2, 2, 2};
     std::vector<int64_t> scene(n);
     for (size_t p = 0; p < n; p++) scene[p] = p < n / 2 ? 0 : 2;
-    const auto mass = random(n, 0.5, 1.5), volume = random(n, 1e-4, 2e-4), gravity = random(3 * scenes, -9.0, 9.0);
+    const auto mass = random_array<T>(n, 0.5, 1.5), volume = random_array<T>(n, 1e-4, 2e-4);
+    const auto gravity = random_array<T>(3 * scenes, -9.0, 9.0);
     const Settings settings{1e-4, nodes, 0, window, walls.data()};
     const Bodies<T> bodies{int64_t(n), scenes, scene.data(), mass.data(), volume.data(), gravity.data()};
-    std::vector<std::vector<T>> before = {random(3 * n, 0.0, 1.0), random(3 * n, -1.0, 1.0),
-                                          random(9 * n, -1.0, 1.0), deformations(n), random(9 * n, -9.0, 9.0)};
-    for (size_t p = 0; p < n; p += 5) before[0][p] = T(p % 3 == 0 ? 2.0 : p % 3 == 1 ? -1e30 : NAN);
+    std::vector<std::vector<T>> before = {stray_positions<T>(n), random_array<T>(3 * n, -1.0, 1.0),
+                                          random_array<T>(9 * n, -1.0, 1.0), deformations<T>(n),
+                                          random_array<T>(9 * n, -9.0, 9.0)};
     auto after = before, gradient = before, rates = before, after_rates = before;
     const State<T> state{{before[0].data()}, {before[1].data()}, {before[2].data()}, {before[3].data()}};
     const auto fields = [](std::vector<std::vector<T>>& of) {

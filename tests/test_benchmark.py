@@ -95,6 +95,18 @@ def test_a_problem_leaves_its_document_and_pictures_and_can_be_redrawn(name: str
     assert again.out.replace("new/", "o/") in outcome.out  # the same tables
 
 
+def test_steps_on_a_gpu_have_a_table_and_a_picture_of_their_own(in_process, tmp_path: Path) -> None:
+    measured = Path(__file__).parent.parent / "docs" / "results" / "step_cost_nvidia_h100.json"
+    (tmp_path / "gpu.json").write_bytes(measured.read_bytes())
+    outcome = in_process(benchmark, "benchmark", "problem=step_cost", "redraw=gpu.json", "output=new")
+    assert outcome.status == 0, outcome.err
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["step_cost.png"]
+    row = json.loads(measured.read_text())["results"]["rows"][0]
+    assert f"{1e3 * row['ms_per_1000']['min'] * row['particles'] / 1000.0:.3g}" in outcome.out
+    assert "aim [us]" in outcome.out
+    assert "T/1000" not in outcome.out
+
+
 @pytest.mark.parametrize(("costs", "floor"), [([0.83, 12.3], 0.1), ([2.1, 145.0], 1.0), ([1.0, 9.0], 0.1)])
 def test_the_logarithmic_axis_begins_below_the_shortest_bar(costs: list[float], floor: float) -> None:
     assert axis_floor(costs) == pytest.approx(floor)

@@ -57,6 +57,22 @@ def test_a_deformation_turned_inside_out_names_scene_step_and_particle(every: in
     assert "det F" in message
 
 
+def test_a_divergence_that_does_not_come_back_is_told_all_the_same() -> None:
+    """As on a GPU, where two runs differ by rounding: the search for its step ends."""
+    state, scenes = two_scenes(small_body())
+    steps = 0
+
+    def step(before: ParticleState) -> ParticleState:
+        nonlocal steps
+        steps += 1
+        beyond = before.position.clone()
+        beyond[0, -1] = -1e-8 if steps == 3 else 0.5
+        return before._replace(position=beyond)
+
+    with pytest.raises(SimulationDiverged, match="'bad' diverged at step 5: particle .* by no more than rounding"):
+        simulate(step, state, scenes, 10, 5, scene_names=("good", "bad"))
+
+
 @pytest.mark.parametrize("field", ["position", "velocity", "affine", "deformation"])
 def test_a_state_that_is_not_a_number_is_found_wherever_it_begins(field: str) -> None:
     body = small_body()

@@ -10,9 +10,12 @@ from bodies import analytic_simulator, per_particle
 from small_scene import PARTICLES, small_body, small_scene, step_of
 
 from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.laws.neural import build_neural_laws
+from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
 from pcnclaws.rollout import differentiable_rollout, simulate
+from pcnclaws.simulator import Simulator
 
 pytestmark = pytest.mark.usefixtures("each_backend")
 
@@ -68,6 +71,20 @@ def test_recomputed_gradients_equal_stored_ones(material: str) -> None:
         torch.testing.assert_close(recomputed, stored, rtol=1e-12, atol=1e-14 * float(stored.detach().abs().max()))
 
 
+def test_weights_that_change_before_the_backward_pass_are_noticed() -> None:
+    laws = build_neural_laws(MATERIALS["sand"], {"name": "pcnclaws", "width": 8})
+    simulator = Simulator(*laws, MPMIntegrator(SimulationSettings())).double()
+    parameters = per_particle(MATERIALS["sand"].defaults, PARTICLES)
+    for recompute in (True, False):
+        positions = differentiable_rollout(
+            simulator, small_body(height=0.2), small_scene(), parameters, 3, recompute=recompute
+        )
+        with torch.no_grad():
+            next(simulator.parameters()).mul_(1.5)
+        with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+            positions.square().sum().backward()
+
+
 def test_a_differentiable_rollout_goes_where_the_simulation_goes() -> None:
     scenes, state = small_scene(), small_body()
     simulator = analytic_simulator("plasticine", SimulationSettings())
@@ -101,6 +118,8 @@ from pathlib import Path
 import torch
 from bodies import analytic_simulator, in_precision, one_scene, paper_cube, per_particle, spinning
 from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.laws.neural import build_neural_laws
+from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
 from pcnclaws.rollout import differentiable_rollout
