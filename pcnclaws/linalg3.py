@@ -2,19 +2,26 @@
 
 No singular values or eigenvalues are computed: isotropic functions of a matrix are written with its
 invariants and the Cayley-Hamilton theorem, so nothing is divided by a difference of stretches, and the
-derivatives stay finite where stretches coincide, which is where every simulation starts (F = I).
+derivatives stay finite where stretches coincide, which is where every simulation starts (F = I). What is far
+from there is left to graded_axes.
 """
 
 import functools
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pcnclaws.tensor_types import Matrices, Scalars
+from pcnclaws.graded_axes import graded_hencky_strain, graded_stretch
+from pcnclaws.tensor_types import Matrices, ParticleMask, Scalars
+
+# Stretches that the series for logarithm and exponential serve.
+LEAST_STRETCH, MOST_STRETCH = 0.05, 20.0
+MOST_STRAIN = 3.0  # and strains, their logarithms
 
 
 def matmul(a: Matrices, b: Matrices) -> Matrices:
@@ -77,34 +84,35 @@ def left_stretch(deformation: Matrices) -> tuple[Matrices, Matrices]:
     gradient", with Cayley-Hamilton for b^2).
     float64 also for float32 input: in float32 the square F F^T alone would lose small stretches.
     """
-    v, b, *_ = _left_stretch(deformation)
-    return v, b
+    found = _left_stretch(deformation)
+    return found.v, found.b
 
 
 def hencky_strain(deformation: Matrices) -> Matrices:
     """Hencky (logarithmic) strain h = log V = 1/2 log(F F^T) [-] of a deformation F with det F > 0.
 
-    With X = sqrt(V) and Y = X - I:  log V = 2 log X = 2 int_0^1 Y (I + t Y)^-1 dt. The integral is taken by
-    Gauss-Legendre quadrature and the inverse by Cayley-Hamilton, so that h is a combination of I, V and b whose
-    coefficients need only the invariants. Right to 1e-12 for float64 input, to 1e-6 for float32 input, for
-    stretches from 0.05 to 20.
+    Right to 1e-12 for float64 input, to 1e-6 for float32 input.
     """
-    v, b, v1, v2, v3, x1_guess = _left_stretch(deformation)
+    found = _left_stretch(deformation)
+    far = _where(found.far)
+    if far is None:
+        return _log_of_left_stretch(found, deformation.dtype)
+    near = _log_of_left_stretch(_left_stretch(_identity_where(found.far, deformation)), deformation.dtype)
+    return near.index_copy(2, far, graded_hencky_strain(deformation[:, :, far]))
 
-    # X = x_i I + x_v V - x_b b, as V from b; Y = X - I, Y^2 = V - 2 X + I
-    x3 = v3.sqrt()
-    x1, x2 = _root_invariants(v1, v2, x3, x1_guess)
-    x_b = (x1 * x2 - x3).reciprocal()
-    x_i, x_v = x1 * x3 * x_b, (x1.square() - x2) * x_b
 
-    # log X = y_i I + y_1 Y + y_2 Y^2
-    i1, i2, i3 = x1 - 3.0, x2 - 2.0 * x1 + 3.0, x3 - x2 + x1 - 1.0
-    s0, s1, s2 = _moments_of_inverse_determinant(i1, i2, i3, deformation.dtype)
-    y_1, along_x = s0 + i1 * s1, s0 + (i1 + 2.0) * s1
-    of_i = i3 * s2 - y_1 - s1 + along_x * x_i
-    of_v = along_x * x_v - s1
-    log_v = torch.addcmul(identity_like(v) * (2.0 * of_i), 2.0 * of_v, v) - (2.0 * along_x * x_b) * b
-    return log_v.to(deformation.dtype)
+def stretched(strain: Matrices, deformation: Matrices) -> Matrices:
+    """exp(A) F: the deformation F after a further strain A along the principal axes of F F^T; F itself where A = 0.
+
+    strain       A [-], symmetric, (3, 3, particles)
+    deformation  F [-], (3, 3, particles), det F > 0
+    """
+    far = _where(strain.detach().abs().amax((0, 1)) > MOST_STRAIN)
+    if far is None:
+        return matmul(exp_symmetric(strain), deformation)
+    large = torch.zeros_like(strain[0, 0], dtype=torch.bool).index_fill(0, far, True)
+    near = matmul(exp_symmetric(torch.where(large, 0.0, strain)), deformation)
+    return near.index_copy(2, far, graded_stretch(strain[:, :, far], deformation[:, :, far]))
 
 
 def exp_symmetric(a: Matrices) -> Matrices:
@@ -187,8 +195,17 @@ def _moments_of_inverse_determinant(i1: Scalars, i2: Scalars, i3: Scalars, preci
     return _constant(weights, i1.dtype, i1.device) @ determinants.reciprocal()
 
 
-def _left_stretch(deformation: Matrices) -> tuple[Matrices, Matrices, Scalars, Scalars, Scalars, Scalars]:
-    """V, b, the principal invariants of V, and about the first invariant of sqrt(V)."""
+class _LeftStretch(NamedTuple):
+    """V and b, the principal invariants of V, about the first invariant of sqrt(V), and which V are far from I."""
+
+    v: Matrices
+    b: Matrices
+    invariants: tuple[Scalars, Scalars, Scalars]
+    x1_guess: Scalars
+    far: ParticleMask
+
+
+def _left_stretch(deformation: Matrices) -> _LeftStretch:
     f = deformation.double()
     minors = cofactors(f)
     v3 = (f[0] * minors[0]).sum(0)
@@ -201,7 +218,45 @@ def _left_stretch(deformation: Matrices) -> tuple[Matrices, Matrices, Scalars, S
     scale = (v1 * v2 - v3).reciprocal()
     of_i, of_b = (v2.square() - v1 * v3) * scale, v2 * scale
     v = torch.addcmul(identity_like(b) * of_i, of_b, b) - scale * adjugate_b
-    return v, b, v1, v2, v3, roots.sqrt().sum(0)
+    far = (roots.amin(0) < LEAST_STRETCH) | (roots.amax(0) > MOST_STRETCH)
+    return _LeftStretch(v, b, (v1, v2, v3), roots.sqrt().sum(0), far)
+
+
+def _log_of_left_stretch(found: _LeftStretch, precision: torch.dtype) -> Matrices:
+    """log V for stretches from LEAST_STRETCH to MOST_STRETCH.
+
+    With X = sqrt(V) and Y = X - I:  log V = 2 log X = 2 int_0^1 Y (I + t Y)^-1 dt. The integral is taken by
+    Gauss-Legendre quadrature and the inverse by Cayley-Hamilton, so that h is a combination of I, V and b whose
+    coefficients need only the invariants.
+    """
+    v1, v2, v3 = found.invariants
+
+    # X = x_i I + x_v V - x_b b, as V from b; Y = X - I, Y^2 = V - 2 X + I
+    x3 = v3.sqrt()
+    x1, x2 = _root_invariants(v1, v2, x3, found.x1_guess)
+    x_b = (x1 * x2 - x3).reciprocal()
+    x_i, x_v = x1 * x3 * x_b, (x1.square() - x2) * x_b
+
+    # log X = y_i I + y_1 Y + y_2 Y^2
+    i1, i2, i3 = x1 - 3.0, x2 - 2.0 * x1 + 3.0, x3 - x2 + x1 - 1.0
+    s0, s1, s2 = _moments_of_inverse_determinant(i1, i2, i3, precision)
+    y_1, along_x = s0 + i1 * s1, s0 + (i1 + 2.0) * s1
+    of_i = i3 * s2 - y_1 - s1 + along_x * x_i
+    of_v = along_x * x_v - s1
+    log_v = torch.addcmul(identity_like(found.v) * (2.0 * of_i), 2.0 * of_v, found.v) - (2.0 * along_x * x_b) * found.b
+    return log_v.to(precision)
+
+
+def _where(mask: ParticleMask) -> Tensor | None:
+    """The numbers of particles, None for none. While a CUDA graph is recorded no number may be looked at: none then."""
+    if mask.is_cuda and torch.cuda.is_current_stream_capturing():
+        return None
+    return mask.nonzero()[:, 0] if bool(mask.any()) else None
+
+
+def _identity_where(mask: ParticleMask, deformation: Matrices) -> Matrices:
+    """F, but I where it would poison derivatives."""
+    return torch.where(mask, identity_like(deformation), deformation)
 
 
 def _root_invariants(a1: Scalars, a2: Scalars, x3: Scalars, x1: Scalars) -> tuple[Scalars, Scalars]:

@@ -18,7 +18,7 @@ from pcnclaws.laws.base import Elasticity, Plasticity
 from pcnclaws.laws.materials import Laws, Material
 from pcnclaws.laws.parameters import lame_constants
 from pcnclaws.laws.plasticity import isochoric_flow
-from pcnclaws.linalg3 import deviator, exp_symmetric, hencky_strain, identity_like, matmul, safe_norm, trace
+from pcnclaws.linalg3 import deviator, hencky_strain, identity_like, safe_norm, stretched, trace
 from pcnclaws.tensor_types import Matrices, Parameters, Scalars
 
 MOST_KNOTS = 201
@@ -169,7 +169,7 @@ class SplinePlasticity(Plasticity):
         limit, kept = self._limits(place)
         flow = isochoric_flow(h, shear, (shear - limit).clamp_min(0.0))
         flow = flow + identity_like(h) * ((kept - volumetric) / 3.0)
-        return matmul(exp_symmetric(flow), trial)
+        return stretched(flow, trial)
 
     def _limits(self, place: Place) -> tuple[Scalars, Scalars]:
         """Y(v) and w(v)."""

@@ -20,6 +20,8 @@ ALIGNMENT = 32  # bytes
 MOST_SHARED = 48 * 1024
 # Particles whose gradients of the weights are summed together at least, and how many such sums there are at most.
 CHUNK, MOST_CHUNKS = 256, 64
+# The kernels of laws that have run in this process.
+_used_laws: set[Kernels] = set()
 
 
 class _Fields(ctypes.Structure):
@@ -89,6 +91,11 @@ def law_adjoint(
     arrays = address(incoming), address(gradient), address(of_parameters), memory.described()
     kernels.start("law_adjoint", max(deformation.shape[2], memory.stride), *arrays)
     return LawGradients(gradient, of_parameters, memory.weight_gradients())
+
+
+def fallbacks() -> int:
+    """How many particles found their principal axes by the slow path, in the laws that ran on GPUs in this process."""
+    return sum(kernels.counter("fallbacks") for kernels in _used_laws)
 
 
 def step_forward(step: StepInput) -> tuple[tuple[Tensor, ...], Nodes]:
@@ -216,6 +223,7 @@ class _LawKernels:
             if needed <= MOST_SHARED:
                 macros["STAGED"], self._shared = 1, needed
         self._kernels = kernels_of("gpu_law.cu", deformation.device, NUMBER=NUMBERS[deformation.dtype], **macros)
+        _used_laws.add(self._kernels)
         arrays = address(deformation), address(parameters), Weights.of(self.weights)
         self._given = ctypes.c_int64(deformation.shape[2]), *arrays
 

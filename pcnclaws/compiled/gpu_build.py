@@ -37,6 +37,10 @@ class Kernels(ABC):
         shared     memory that the threads of a block share [bytes]
         """
 
+    @abstractmethod
+    def counter(self, name: str) -> int:
+        """The value of a 64-bit counter of the source. Waits for the GPU."""
+
 
 @cache
 def gpu_serves() -> bool:
@@ -79,6 +83,15 @@ class _GpuKernels(Kernels):
             grid, shape = (-(-threads // block), 1, 1), (block, 1, 1)
             _require(_driver().cuLaunchKernel(self._function(name), *grid, *shape, shared, stream, pointers, None))
 
+    def counter(self, name: str) -> int:
+        place, size, value = ctypes.c_void_p(), ctypes.c_size_t(), ctypes.c_int64()
+        with _context_of(self._device):
+            found = _driver().cuModuleGetGlobal_v2(ctypes.byref(place), ctypes.byref(size), self._module, name.encode())
+            _require(found)
+            torch.cuda.synchronize()
+            _require(_driver().cuMemcpyDtoH_v2(ctypes.byref(value), place, size))
+        return value.value
+
     def _function(self, name: str) -> ctypes.c_void_p:
         if name not in self._functions:
             function = ctypes.c_void_p()
@@ -97,6 +110,9 @@ class _HostKernels(Kernels):
         for number in range(threads):
             self._thread.value = number
             function(*arguments)
+
+    def counter(self, name: str) -> int:
+        return ctypes.c_int64.in_dll(self._library, name).value
 
 
 @functools.cache

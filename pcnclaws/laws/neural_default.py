@@ -20,11 +20,11 @@ from pcnclaws.laws.parameters import lame_constants
 from pcnclaws.linalg3 import (
     determinant,
     deviator,
-    exp_symmetric,
     hencky_strain,
     identity_like,
     matmul,
     safe_norm,
+    stretched,
     trace,
 )
 from pcnclaws.tensor_types import Matrices, Parameters, Scalars
@@ -137,7 +137,7 @@ class PlasticNet(Plasticity):
         limit = unit * cohesion + friction * (-volumetric_after).clamp_min(0.0)
         flow = torch.where(shear > limit, self._flow(dev, shear, limit, f), 0.0)
         flow = flow + identity_like(h) * ((volumetric_after - volumetric) / 3.0)
-        return matmul(exp_symmetric(flow), trial)
+        return stretched(flow, trial)
 
     def _flow(self, dev: Matrices, shear: Scalars, limit: Scalars, f: Tensor) -> Matrices:
         """What a particle that yields adds to dev h: it goes straight back to the surface."""

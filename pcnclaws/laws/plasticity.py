@@ -16,11 +16,11 @@ from pcnclaws.laws.parameters import lame_constants
 from pcnclaws.linalg3 import (
     determinant,
     deviator,
-    exp_symmetric,
     hencky_strain,
     identity_like,
     matmul,
     safe_norm,
+    stretched,
     trace,
 )
 from pcnclaws.tensor_types import Matrices, Parameters, Scalars
@@ -64,7 +64,7 @@ class DruckerPrager(Plasticity):
         volumetric, shear = trace(h), safe_norm(deviator(h))
         excess = shear + _yield_slope(parameters) * volumetric
         flow = isochoric_flow(h, shear, excess.clamp_min(0.0))
-        return matmul(exp_symmetric(torch.where(volumetric > 0.0, -h, flow)), trial)
+        return stretched(torch.where(volumetric > 0.0, -h, flow), trial)
 
 
 class VonMises(Plasticity):
@@ -93,7 +93,7 @@ class VonMises(Plasticity):
         h = hencky_strain(trial)
         shear = safe_norm(deviator(h))
         excess = shear - _yield_strain(parameters)
-        return matmul(exp_symmetric(isochoric_flow(h, shear, excess.clamp_min(0.0))), trial)
+        return stretched(isochoric_flow(h, shear, excess.clamp_min(0.0)), trial)
 
 
 class Tresca(Plasticity):
@@ -123,7 +123,7 @@ class Tresca(Plasticity):
         """
         h = hencky_strain(trial)
         flow = _flow_to_hexagon(deviator(h).double(), _tresca_limit(parameters).double())
-        return matmul(exp_symmetric(flow.to(trial.dtype)), trial)
+        return stretched(flow.to(trial.dtype), trial)
 
 
 def isochoric_flow(strain: Matrices, shear: Scalars, amount: Scalars) -> Matrices:
@@ -181,6 +181,10 @@ def _value_apart(dev: Matrices) -> tuple[Scalars, Matrices]:
 
     x is the root of x^3 = q x + r of largest size, q = tr(A^2)/2, r = det A, which is simple: 2 q <= 3 x^2 - q.
     """
+    # powers of what is small vanish: beside a largest entry of about 1 none does; a power of two changes no digit
+    largest = dev.detach().abs().amax((0, 1))
+    scale = torch.ldexp(torch.ones_like(largest), torch.frexp(largest).exponent)
+    dev = dev / scale
     squared = matmul(dev, dev)
     q, r = 0.5 * trace(squared), determinant(dev)
     still = q == 0.0
@@ -189,7 +193,7 @@ def _value_apart(dev: Matrices) -> tuple[Scalars, Matrices]:
     # a Newton step from a root changes nothing but gives its derivative
     x = root - (root.pow(3) - q * root - r) / (3.0 * root.square() - q)
     projector = (squared + x * dev + identity_like(dev) * (x.square() - q)) / (3.0 * x.square() - q)
-    return x, projector
+    return torch.where(still, 0.0, scale * x), projector
 
 
 def _root_of_largest_size(q: Scalars, r: Scalars) -> Scalars:

@@ -42,6 +42,9 @@ inline bool any(Mask mask) {
     return found != 0;
 }
 template <class To, class From> To converted(From a) { return __builtin_convertvector(a, To); }
+inline double lane_of(V a, int lane) { return a[lane]; }
+inline bool lane_of(Mask mask, int lane) { return mask[lane] != 0; }
+inline void set_lane(V& a, int lane, double x) { a[lane] = x; }
 
 // lane by lane through memory, which the compiler turns into one instruction
 template <class U> U square_root_of_lanes(U a) {

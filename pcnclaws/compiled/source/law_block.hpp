@@ -46,8 +46,11 @@ template <class T, class Law, class Network> struct LawBlock {
             for (int k = 0; k < 9; k++) f[group][k / 3][k % 3] = load(in.deformation + k * in.particles, at, end);
             for (int k = 0; k < in.rows; k++) p[group][k] = load(in.parameters + k * in.particles, at, end);
         }
+        Mask left[GROUPS];
         for (int group = 0; group < groups(); group += TOGETHER)
-            principal_axes<T, TOGETHER>(f + group, principal + group);
+            principal_axes<T, TOGETHER>(f + group, principal + group, left + group);
+        for (int group = 0; group < groups(); group++)
+            if (any(left[group])) find_graded_axes(f[group], left[group], end - begin - group * L, principal[group]);
         if constexpr (NETWORK) {
             for (int group = 0; group < groups(); group++) {
                 Law::features(principal[group].strain, x[group]);
@@ -76,14 +79,17 @@ template <class T, class Law, class Network> struct LawBlock {
         respond(y, [&](int k) { return value_at(group, k); });
     }
 
-    // stress Q diag(y) Q^T, or F' = F + Q diag(e^y - 1) Q^T F, which is F to the last bit where y is 0
+    // stress Q diag(y) Q^T, or F' = F + Q diag(e^y - 1) Q^T F, which is F to the last bit where y is 0. Large changes
+    // would cancel: F' = Q diag(e^y) Q^T F.
     void leave(int group, const V y[3], T* result) const {
         const Principal& axes = principal[group];
-        V stretch[3];
-        for (int k = 0; k < 3; k++) stretch[k] = Law::RETURN_MAP ? exponential(y[k]) - 1.0 : y[k];
+        V stretch[3], kept = V{};
+        if constexpr (Law::RETURN_MAP)
+            kept = select(maximum(absolute(y[0]), maximum(absolute(y[1]), absolute(y[2]))) < 1.0, splat(1.0), V{});
+        for (int k = 0; k < 3; k++) stretch[k] = Law::RETURN_MAP ? exponential(y[k]) - kept : y[k];
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++) {
-                V sum = Law::RETURN_MAP ? f[group][i][j] : V{};
+                V sum = Law::RETURN_MAP ? kept * f[group][i][j] : V{};
                 for (int k = 0; k < 3; k++)
                     sum += axes.q[i][k] * stretch[k] * (Law::RETURN_MAP ? axes.g[k][j] : axes.q[j][k]);
                 store(result + (3 * i + j) * in.particles, begin + group * L, end, sum);

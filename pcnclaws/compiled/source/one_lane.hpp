@@ -15,6 +15,9 @@ inline V minimum(V a, V b) { return a < b ? a : b; }
 inline V absolute(V a) { return maximum(a, -a); }
 inline bool any(Mask mask) { return mask; }
 template <class To, class From> To converted(From a) { return To(a); }
+inline double lane_of(V a, int) { return a; }
+inline bool lane_of(Mask mask, int) { return mask; }
+inline void set_lane(V& a, int, double x) { a = x; }
 
 inline float square_root_of_lanes(float a) { return std::sqrt(a); }
 inline V square_root_of_lanes(V a) { return std::sqrt(a); }

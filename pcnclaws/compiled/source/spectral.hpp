@@ -1,5 +1,7 @@
 // Principal stretches and axes of several deformation gradients at once.
 #pragma once
+#include "fallbacks.hpp"
+#include "graded_axes.hpp"
 #include "lanes.hpp"
 
 namespace pcnclaws {
@@ -11,12 +13,15 @@ struct Principal {
     V strain[3];  // principal Hencky strains, half the logarithms of the squares
 };
 
+// Below, the squares under the root have lost their digits: the tangent, which should be 1 at most, could be anything.
+constexpr float LEAST_ROOT = 1e-18f;
+
 // Tangent and cosine of the angle that makes two rows orthogonal, from the difference of their squares and twice their
-// product.
+// product. Beside rows of about 1 no angle is needed where both are smaller than LEAST_ROOT.
 template <class S> void rotation(S difference, S twice, S& tangent, S& cosine) {
     const S root = square_root_of_lanes(difference * difference + twice * twice);
     const S size = difference < 0.0f ? difference - root : difference + root;
-    const auto turns = size != 0.0f;
+    const auto turns = root > LEAST_ROOT;
     tangent = turns ? twice / (turns ? size : S{} + 1.0f) : S{};
     cosine = 1.0f / square_root_of_lanes(1.0f + tangent * tangent);
 }
@@ -86,25 +91,29 @@ inline void load_square(const V f[3][3], int which, Symmetric& out) {
     }
 }
 
-// Columns that are orthonormal to single precision, made so to double precision (Gram and Schmidt).
-inline void orthonormalise(V q[3][3]) {
+// Columns that are orthonormal to single precision, made so to double precision (Gram and Schmidt). Returns where they
+// were not, and are not now.
+inline Mask orthonormalise(V q[3][3]) {
+    constexpr double SINGLE = 1e-5;  // the cube of what single precision leaves is nothing in double precision
     auto along = [&](int a, int b) { return q[0][a] * q[0][b] + q[1][a] * q[1][b] + q[2][a] * q[2][b]; };
     auto normalise = [&](int a) {
         const V excess = along(a, a) - 1.0, factor = 1.0 + excess * (0.375 * excess - 0.5);
         for (int i = 0; i < 3; i++) q[i][a] *= factor;
+        return excess;
     };
-    normalise(0);
-    const V common = along(0, 1);
+    const V first = normalise(0), common = along(0, 1);
     for (int i = 0; i < 3; i++) q[i][1] -= common * q[i][0];
-    normalise(1);
+    const V second = normalise(1);
     for (int i = 0; i < 3; i++) {
         const int j = (i + 1) % 3, k = (i + 2) % 3;
         q[i][2] = q[j][0] * q[k][1] - q[k][0] * q[j][1];
     }
+    // a comparison with NaN is false
+    return !(maximum(absolute(first), maximum(absolute(second), absolute(common))) < SINGLE);
 }
 
-// Axes right to single precision, in half the time that it takes in double.
-template <int GROUPS> void approximate_axes(const V f[GROUPS][3][3], Principal out[GROUPS]) {
+// Axes right to single precision, in half the time that it takes in double. Says where they are no axes at all.
+template <int GROUPS> void approximate_axes(const V f[GROUPS][3][3], Principal out[GROUPS], Mask wrong[GROUPS]) {
     static_assert(GROUPS % HALVES == 0, "groups share vectors");
     constexpr int PAIRS = GROUPS / HALVES, SWEEPS = 3;
     Symmetric b[PAIRS];
@@ -120,7 +129,7 @@ template <int GROUPS> void approximate_axes(const V f[GROUPS][3][3], Principal o
     for (int n = 0; n < GROUPS; n++) {
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++) out[n].q[i][j] = get_half(b[n / HALVES].q[i][j], n % HALVES);
-        orthonormalise(out[n].q);
+        wrong[n] = orthonormalise(out[n].q);
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++)
                 out[n].g[i][j] =
@@ -133,13 +142,40 @@ inline V determinant(const V f[3][3]) {
            f[0][2] * (f[1][0] * f[2][1] - f[1][1] * f[2][0]);
 }
 
+// Replaces what was found for some of the first `count` particles.
+SLOW_PATH inline void find_graded_axes(const V f[3][3], Mask wanted, int64_t count, Principal& out) {
+    for (int lane = 0; lane < std::min(int64_t(L), count); lane++) {
+        if (!lane_of(wanted, lane)) continue;
+        double plain[3][3];
+        for (int k = 0; k < 9; k++) plain[k / 3][k % 3] = lane_of(f[k / 3][k % 3], lane);
+        const GradedAxes found = graded_axes(plain);
+        for (int i = 0; i < 3; i++) {
+            double square = 0.0;
+            for (int j = 0; j < 3; j++) {
+                set_lane(out.q[i][j], lane, found.q[i][j]);
+                set_lane(out.g[i][j], lane, found.g[i][j]);
+                square += found.g[i][j] * found.g[i][j];
+            }
+            set_lane(out.square[i], lane, square);
+            set_lane(out.strain[i], lane, found.upright ? 0.5 * std::log(square) : NAN);
+        }
+        count_fallback();
+    }
+}
+
 // One-sided Jacobi rotations of the rows (Hestenes 1958, "Inversion of matrices by biorthogonalization"): F F^T is
 // formed for a first guess alone, so that small stretches beside large ones keep their digits. Several groups of
 // particles in step: one rotation is a long chain of dependent operations. For states of precision T.
-template <class T, int GROUPS> void principal_axes(const V f[GROUPS][3][3], Principal out[GROUPS]) {
-    approximate_axes<GROUPS>(f, out);
+//
+// The first guess is in single precision, which serves stretches of about 1. What it does not serve, by the
+// orthogonality of its axes or by the stretches found in the end, is `left` to find_graded_axes.
+template <class T, int GROUPS>
+void principal_axes(const V f[GROUPS][3][3], Principal out[GROUPS], Mask left[GROUPS]) {
+    approximate_axes<GROUPS>(f, out, left);
     constexpr int MOST_SWEEPS = 12;
     constexpr double NEGLIGIBLE = sizeof(T) == sizeof(float) ? 1e-10 : 1e-17;
+    // squares of the stretches that the sweeps serve
+    constexpr double LEAST = 1e-4, MOST = 1e4;
     for (int sweep = 0; sweep < MOST_SWEEPS; sweep++) {
         Mask turning{};
         for (int n = 0; n < GROUPS; n++) turning |= turn_rows(out[n], 0, 1, NEGLIGIBLE);
@@ -153,6 +189,7 @@ template <class T, int GROUPS> void principal_axes(const V f[GROUPS][3][3], Prin
                 out[n].g[i][0] * out[n].g[i][0] + out[n].g[i][1] * out[n].g[i][1] + out[n].g[i][2] * out[n].g[i][2];
             // a body turned inside out has no strain
             out[n].strain[i] = select(determinant(f[n]) > 0.0, 0.5 * logarithm(out[n].square[i]), splat(NAN));
+            left[n] |= !((out[n].square[i] > LEAST) & (out[n].square[i] < MOST));
         }
 }
 

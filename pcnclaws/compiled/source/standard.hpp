@@ -12,11 +12,13 @@
 
 inline void stop() { __builtin_trap(); }
 #define IN_ONE_FUNCTION __attribute__((flatten))
+#define SLOW_PATH __attribute__((noinline, cold))
 
 #else
 
 inline void stop() { __trap(); }
 #define IN_ONE_FUNCTION
+#define SLOW_PATH __noinline__
 
 typedef long long int64_t;
 typedef unsigned long long uint64_t;
@@ -27,7 +29,10 @@ namespace std {
 using ::erf;
 using ::erfc;
 using ::exp;
+using ::fabs;
 using ::floor;
+using ::frexp;
+using ::ldexp;
 using ::log;
 using ::sqrt;
 

@@ -1,0 +1,25 @@
+// How many particles found their principal axes by the slow path, since the kernels were loaded.
+#pragma once
+#include "standard.hpp"
+
+#ifdef __CUDACC_RTC__
+
+extern "C" __device__ unsigned long long fallbacks = 0;
+
+namespace pcnclaws {
+inline void count_fallback() { atomicAdd(&fallbacks, 1ull); }
+}  // namespace pcnclaws
+
+#else
+
+#include <atomic>
+
+extern "C" {
+__attribute__((visibility("default"))) inline std::atomic<int64_t> fallbacks{0};
+}
+
+namespace pcnclaws {
+inline void count_fallback() { fallbacks.fetch_add(1, std::memory_order_relaxed); }
+}  // namespace pcnclaws
+
+#endif
