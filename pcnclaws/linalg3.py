@@ -91,7 +91,8 @@ def left_stretch(deformation: Matrices) -> tuple[Matrices, Matrices]:
 def hencky_strain(deformation: Matrices) -> Matrices:
     """Hencky (logarithmic) strain h = log V = 1/2 log(F F^T) [-] of a deformation F with det F > 0.
 
-    Right to 1e-12 for float64 input, to 1e-6 for float32 input.
+    Right to 1e-12 for float64 input, to 1e-6 for float32 input; on a GPU, which does not wait for a look at the
+    numbers, for stretches from LEAST_STRETCH to MOST_STRETCH.
     """
     found = _left_stretch(deformation)
     far = _where(found.far)
@@ -248,8 +249,8 @@ def _log_of_left_stretch(found: _LeftStretch, precision: torch.dtype) -> Matrice
 
 
 def _where(mask: ParticleMask) -> Tensor | None:
-    """The numbers of particles, None for none. While a CUDA graph is recorded no number may be looked at: none then."""
-    if mask.is_cuda and torch.cuda.is_current_stream_capturing():
+    """The numbers of particles, None for none; none on a GPU, which would wait for the look."""
+    if mask.is_cuda:
         return None
     return mask.nonzero()[:, 0] if bool(mask.any()) else None
 

@@ -143,7 +143,7 @@ inline V determinant(const V f[3][3]) {
 }
 
 // Replaces what was found for some of the first `count` particles.
-SLOW_PATH inline void find_graded_axes(const V f[3][3], Mask wanted, int64_t count, Principal& out) {
+CALLS_SLOW_PATH void find_graded_axes(const V f[3][3], Mask wanted, int64_t count, Principal& out) {
     for (int lane = 0; lane < std::min(int64_t(L), count); lane++) {
         if (!lane_of(wanted, lane)) continue;
         double plain[3][3];

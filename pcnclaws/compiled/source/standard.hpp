@@ -13,12 +13,15 @@
 inline void stop() { __builtin_trap(); }
 #define IN_ONE_FUNCTION __attribute__((flatten))
 #define SLOW_PATH __attribute__((noinline, cold))
+#define CALLS_SLOW_PATH SLOW_PATH inline
 
 #else
 
 inline void stop() { __trap(); }
 #define IN_ONE_FUNCTION
 #define SLOW_PATH __noinline__
+// what a function is given by address leaves the registers
+#define CALLS_SLOW_PATH __forceinline__
 
 typedef long long int64_t;
 typedef unsigned long long uint64_t;
