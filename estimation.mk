@@ -24,7 +24,9 @@ guess_plasticine_3 := $(call guess,1e5,0.05) initial_guess.yield_stress=2e3
 guess_sand_1 := $(call guess,1e5,0.05) initial_guess.friction_angle=10
 guess_sand_2 := $(call guess,1e5,0.1) initial_guess.friction_angle=8
 guess_sand_3 := $(call guess,1e5,0.05) initial_guess.friction_angle=5
-# as the test objects of the data sets move
+# as the test objects of the data sets move,
+# in the paper's setting: particles on the faces, C = 0 at the start
+paper := scene.lattice=faces scene.affine=zero
 motion_1 := 'scene.velocity=[1.0,-1.5,-2.0]' 'scene.spin=[2.0,2.0,2.0]'
 motion_2 := 'scene.velocity=[1.0,-1.5,-1.5]'
 motion_3 := 'scene.velocity=[-0.5,-2.5,1.0]'
@@ -50,7 +52,7 @@ stiffer_plasticine_1 := 4.7e6
 stiffer_sand_1 := 3.7e6
 # from a hundred noisy markers on the surface, with gaps, seen in every tenth frame; the start velocity is not known
 seen_by_markers := surface=true every=10 noise=1e-3 missing=0.1
-way_markers := law=analytic scene.shape=cube
+way_markers := law=analytic scene.shape=cube $(paper)
 # the same of a motion that was simulated with half the time step, grid spacing and distance of particles
 finer := simulation.time_step=2.5e-4 simulation.grid_nodes=40 simulation.steps=1000 simulation.every=10 scene.particles_per_edge=20
 way_mismatched := $(way_markers)
@@ -61,14 +63,14 @@ number_of = $(lastword $(subst _, ,$(1)))
 # $(call seen,object): its motion by the analytic law, and what markers show of it
 define seen
 $(SEEN)/$(1).h5: | $(INSTALLED)
-	$$(RUN) pcnclaws.simulate material=$(call material_of,$(1)) law=analytic $(truth_$(1)) $(motion_$(call number_of,$(1))) \
+	$$(RUN) pcnclaws.simulate material=$(call material_of,$(1)) law=analytic $(truth_$(1)) $(motion_$(call number_of,$(1))) $(paper) \
 		scene.name=$(1) picture=false threads=1 output=$$@
 
 $(SEEN)/$(1)_markers.csv: | $(SEEN)/$(1).h5
 	$$(RUN) pcnclaws.observe file=$(SEEN)/$(1).h5 markers=0.1 $(seen_by_markers) output=$$@
 
 $(SEEN)/$(1)_fine.h5: | $(INSTALLED)
-	$$(RUN) pcnclaws.simulate material=$(call material_of,$(1)) law=analytic $(truth_$(1)) $(motion_$(call number_of,$(1))) $(finer) \
+	$$(RUN) pcnclaws.simulate material=$(call material_of,$(1)) law=analytic $(truth_$(1)) $(motion_$(call number_of,$(1))) $(paper) $(finer) \
 		scene.name=$(1) picture=false threads=1 output=$$@
 
 $(SEEN)/$(1)_fine_markers.csv: | $(SEEN)/$(1)_fine.h5

@@ -4,7 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
+from jaxtyping import Float
 from omegaconf import DictConfig, OmegaConf
 
 from pcnclaws.backend import use_backend
@@ -13,6 +15,7 @@ from pcnclaws.data.observation_files import from_record, from_table, observed_re
 from pcnclaws.data.placement import require_inside
 from pcnclaws.data.scenes import SceneStart
 from pcnclaws.data.shapes import PointCloud, mesh_particles, particles, read_point_file, spin_velocity
+from pcnclaws.data.velocity_gradients import spin_gradient, velocity_gradients
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.parameters import validate_parameters
@@ -21,6 +24,9 @@ from pcnclaws.skips import Skips
 from pcnclaws.time_step import automatic_time_step, largest_speed
 
 DEVICES = ("cpu", "cuda", "auto")
+# What a body starts with as C: the gradient of its velocities, nothing, or (auto) the former but for a trajectory
+# file, which says it itself.
+AFFINES = ("auto", "velocity", "zero")
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 
 
@@ -99,7 +105,10 @@ def observation_from(config: DictConfig, material: Material) -> Observation:
         record = observed_record(path, config.observation.scene, material.name)
         observation = from_record(record, _observed_settings(config, record.settings), body)
         if body is not None and config.scene.velocity is not None:
-            observation = replace(observation, initial_velocity=body.velocity)
+            observation = replace(observation, initial_velocity=body.velocity, initial_affine=body.affine)
+        elif body is None:
+            observation = replace(observation, initial_affine=_observed_affine(config, observation))
+    observation = replace(observation, spins_have_gradient=_affine(config) != "zero")
     return observation if config.observation.window is None else observation.between(*_window(config))
 
 
@@ -165,11 +174,44 @@ def body_from(config: DictConfig) -> PointCloud:
     if scene.particles is not None:
         body, centre = read_point_file(str(scene.particles), scene.name), None
     elif scene.mesh is not None:
-        body = mesh_particles(str(scene.mesh), centre, scene.side, scene.particles_per_edge)
+        body = mesh_particles(str(scene.mesh), centre, scene.side, scene.particles_per_edge, scene.lattice)
     else:
-        body = particles(scene.shape, centre, scene.side, scene.particles_per_edge)
+        body = particles(scene.shape, centre, scene.side, scene.particles_per_edge, scene.lattice)
     velocity = spin_velocity(body.position, body.velocity + list(scene.velocity), list(scene.spin), centre)
-    return body._replace(velocity=velocity)
+    return body._replace(velocity=velocity, affine=_start_affine(config, body))
+
+
+def _affine(config: DictConfig) -> str:
+    """The word of `scene.affine`."""
+    if config.scene.affine not in AFFINES:
+        raise unknown_name("scene.affine", config.scene.affine, AFFINES)
+    return str(config.scene.affine)
+
+
+def _start_affine(config: DictConfig, body: PointCloud) -> Float[np.ndarray, "particles 3 3"] | None:
+    """C of a body and of the spin that is added to it; None for 0.
+
+    body  with velocities of its own, of a file, and the C that a trajectory file says
+    """
+    word, points = _affine(config), str(config.scene.particles or "").lower().endswith(".npz")
+    if word == "zero":
+        return None
+    own = body.affine
+    if word == "velocity" or points:
+        own = velocity_gradients(body.position, body.velocity, body.volume)
+    affine = np.zeros((len(body.position), 3, 3)) if own is None else own
+    affine = affine + spin_gradient(list(config.scene.spin))
+    return affine if affine.any() else None
+
+
+def _observed_affine(config: DictConfig, observation: Observation) -> Float[np.ndarray, "particles 3 3"] | None:
+    """C of the start that a trajectory file shows; None for 0, and where the start velocity is not known."""
+    velocity, word = observation.initial_velocity, _affine(config)
+    if velocity is None or word == "zero":
+        return None
+    if word == "velocity":
+        return velocity_gradients(observation.position, velocity, observation.volume)
+    return observation.initial_affine
 
 
 def _where(config: DictConfig) -> str:

@@ -63,6 +63,11 @@ def _plan(config: DictConfig, settings: SimulationSettings) -> DataSetPlan:
                 f"scene.{option}={list(config.scene[option])} is not accepted here: the motions of a data "
                 "set are drawn; accepted: [0, 0, 0]"
             )
+    if config.scene.affine != "zero":
+        raise UserError(
+            f"scene.affine={config.scene.affine} is not accepted here: the scenes of a data set start with C = 0, as "
+            "in the paper; accepted: zero"
+        )
     return DataSetPlan(
         material=material_from(config),
         settings=settings,

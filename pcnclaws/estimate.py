@@ -22,6 +22,7 @@ from pcnclaws.configuration import (
 from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.observation_files import stored_truth
 from pcnclaws.data.scenes import simulate_records
+from pcnclaws.data.spacing import warn_of_sparse_particles
 from pcnclaws.errors import UserError
 from pcnclaws.estimation.law_error import known_law_error
 from pcnclaws.estimation.problem import EstimationProblem
@@ -59,6 +60,7 @@ def estimate(config: DictConfig) -> None:
     problem = EstimationProblem(laws, observation, unknowns, precision_from(config), skips_from(config))
 
     guess = guess_from(config, material, problem)
+    warn_of_sparse_particles([problem.start(guess)])
     module = InverseModule(problem, start_from_guess(config, problem, guess, console), estimator)
     folder = _search_folder(config, output)
     fit_inverse(module, folder, console)

@@ -18,6 +18,7 @@ from pcnclaws.configuration import (
 from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import SceneStart, simulate_records
+from pcnclaws.data.spacing import particles_a_cell, warn_of_sparse_particles
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.progress import progress_bar
 from pcnclaws.rendering.pictures import picture_path, trajectory_picture
@@ -29,11 +30,12 @@ def simulate(config: DictConfig) -> None:
     """Writes the trajectory of the configured scene to `output`, and a picture of it beside it."""
     output = output_file(config)
     use_processor(config)
-    record = _trajectory(config, start_from(config))
+    start = start_from(config)
+    record = _trajectory(config, start)
     # the picture first: a run that fails leaves no trajectory file
     picture = trajectory_picture(record, picture_path(output)) if config.picture else None
     write_scenes(output, [record])
-    print(_summary(record, output))
+    print(_summary(record, particles_a_cell(start), output))
     if picture:
         print(f"wrote {picture}")
 
@@ -48,6 +50,7 @@ def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
     keyframe_every = whole_number(config, "keyframe_every", least=0)
     laws = laws_for(str(config.law), material_from(config), [parameters])
     dtype, device = precision_from(config), device_from(config)
+    warn_of_sparse_particles([start])
     with progress_bar("simulating", steps) as advance:
         try:
             skips = skips_from(config)
@@ -61,11 +64,11 @@ def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
             ) from error
 
 
-def _summary(record: SceneRecord, output: Path) -> str:
+def _summary(record: SceneRecord, per_cell: float, output: Path) -> str:
     frames, count, _ = record.position.shape
     return (
-        f"wrote {output}: scene '{record.name}' of {record.material}, {count} particles, {frames} frames, "
-        f"{record.time[-1] - record.time[0]:.4g} s"
+        f"wrote {output}: scene '{record.name}' of {record.material}, {count} particles, {per_cell:.2g} a cell, "
+        f"{frames} frames, {record.time[-1] - record.time[0]:.4g} s"
     )
 
 

@@ -109,6 +109,7 @@ def test_markers_of_a_table_with_a_noise_and_an_unknown_start(estimated, record,
             lines.append(f"{record.time[frame]:.6f},m{marker},{x:.6f},{y:.6f},{z:.6f}")
     (tmp_path / "m.csv").write_text("\n".join(lines) + "\n")
     body = ["scene.shape=cube", "scene.centre=[0.5,0.24,0.5]", "scene.side=0.2", "scene.particles_per_edge=4"]
+    body += ["scene.lattice=faces"]
     outcome = estimated("observation.file=m.csv", *body)
     assert outcome.status == 0, outcome.err
     found = json.loads((tmp_path / "new" / "e.json").read_text())

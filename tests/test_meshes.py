@@ -1,6 +1,7 @@
 """Bodies from surface meshes: geometry of the filling, what a file may be, and the commands that take one."""
 
 import math
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -158,7 +159,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda path: saved(path, together(box(), box(0.5, 0.5, 0.5))),
         "overlaps with itself",
     ),
-    "flat.obj": (written(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 3 2 1\n"), "no particle lies inside"),
+    "flat.obj": (written(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 3 2 1\n"), "nothing is inside"),
     "thin.stl": (lambda path: saved(path, tilted(box(1.0, 1.0, 1e-4))), "scene.particles_per_edge=10 is too coarse"),
 }
 
@@ -239,3 +240,85 @@ def test_markers_of_a_table_are_put_on_a_mesh(tmp_path: Path) -> None:
     np.testing.assert_allclose(of_mesh.volume, of_shape.volume, rtol=1e-6)
     with pytest.raises(UserError, match=r"scene.mesh=FILE"):
         observation_from(compose_config("estimate", given), material)
+
+
+def test_a_mesh_has_the_lattice_of_the_cube(tmp_path: Path) -> None:
+    path = saved(tmp_path / "box.stl", box(80.0, 80.0, 80.0))
+    body = mesh_particles(path, (0.4, 0.5, 0.6), 0.3, 6, "centres")
+    cube = particles("cube", (0.4, 0.5, 0.6), 0.3, 6, "centres")
+    np.testing.assert_allclose(body.position, cube.position, rtol=1e-14)
+    plate = mesh_particles(
+        saved(tmp_path / "plate.stl", box(1.0, 0.5, 0.01)), side=0.4, particles_per_edge=10, lattice="centres"
+    )
+    assert np.unique(plate.position[:, 2]).tolist() == [0.5], "thinner than a cell: one layer, in its middle"
+    assert len(plate.position) == 50
+
+
+def test_faces_that_are_there_twice_are_merged_and_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    whole = box(2.0, 1.0, 1.0)
+    twice = np.concatenate((whole.faces, whole.faces[:3], np.roll(whole.faces[3:5], 1, axis=1)))
+    path = saved(tmp_path / "dup.obj", trimesh.Trimesh(whole.vertices, twice, process=False))
+    body = mesh_particles(path, particles_per_edge=5)
+    (line,) = caplog.messages
+    assert line == f"scene.mesh={path}: 5 faces are there more than once: each is taken once"
+    once = mesh_particles(saved(tmp_path / "once.obj", whole), particles_per_edge=5)
+    np.testing.assert_array_equal(body.position, once.position)
+    np.testing.assert_allclose(body.volume, once.volume)
+
+
+def test_boxes_that_share_a_wall_are_one_body(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    one, other = box(), box().apply_translation((1.0, 0.0, 0.0))
+    other.vertices[:, 0] = 2.0 - (other.vertices[:, 0] - 0.5) - 0.5  # mirrored, so that the walls are cut alike
+    other.invert()
+    body = mesh_particles(saved(tmp_path / "x.obj", together(one, other)), side=0.6, particles_per_edge=13)
+    assert len(body.position) == 13 * 7 * 7
+    assert body.volume.sum() == pytest.approx(0.6 * 0.3 * 0.3)
+    assert "4 faces lie between parts that touch" in caplog.text
+
+
+def doubled(path: Path) -> Path:
+    """A box, each face once from outside and once from inside."""
+    mesh = box()
+    return saved(path, trimesh.Trimesh(mesh.vertices, np.concatenate((mesh.faces, mesh.faces[:, ::-1])), process=False))
+
+
+def touching(path: Path) -> Path:
+    """Two boxes with one edge in common."""
+    return saved(path, together(box(), box().apply_translation((1.0, 1.0, 0.0))))
+
+
+FAULTS: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
+    "open.obj": (written(OPEN), ("ends at 3 edges", "the first at (0.5, 0, 0) in the file", "fill_holes")),
+    "touching.obj": (touching, ("more than two faces meet at 1 edge,", "(0.5, 0.5, 0) in the file", "boolean.union")),
+    "turned.obj": (written(TURNED), ("disagree on what is outside at 3 edges", "(0.5, 0, 0)", "fix_normals")),
+    "doubled.obj": (doubled, ("each of its faces twice, seen from both sides",)),
+    "twice.obj": (
+        lambda path: saved(path, together(box(), box(0.5, 0.5, 0.5))),
+        (
+            "overlaps with itself",
+            "at 64 of 1000 lattice points",
+            "the first at (-0.1667, -0.1667, -0.1667) in the file",
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", list(FAULTS))
+def test_a_fault_of_a_mesh_has_a_number_a_place_and_a_way_out(name: str, tmp_path: Path) -> None:
+    make, words = FAULTS[name]
+    make(tmp_path / name)
+    with pytest.raises(UserError) as raised:
+        mesh_particles(tmp_path / name)
+    for word in words:
+        assert word in str(raised.value)
+
+
+def test_the_way_out_mends_the_mesh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "x.obj").write_bytes(OPEN)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError) as raised:
+        mesh_particles("x.obj")
+    code = str(raised.value).split('python -c "')[1].split('"')[0]
+    subprocess.run([sys.executable, "-c", code], check=True)
+    body = mesh_particles("mended.ply", particles_per_edge=5)
+    assert body.volume.sum() == pytest.approx(0.5**3 / 6.0)

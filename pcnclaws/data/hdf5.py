@@ -101,10 +101,10 @@ def _read_scene(scenes: GuardedGroup, name: str, path: str, with_keyframes: bool
         volume = _single(group, "volume", (particles,))
         start = _single(group, "initial_velocity", (particles, 3)) if "initial_velocity" in group else None
         velocity = _single(group, "velocity", position.shape) if "velocity" in group else None
-        _check_values(group, time, position, volume, start, velocity)
-        record = SceneRecord(
-            name, group.text("material"), settings, parameters, time, position, volume, start, velocity, None, path
-        )
+        affine = _single(group, "initial_affine", (particles, 3, 3)) if "initial_affine" in group else None
+        _check_values(group, time, position, volume, start, velocity, affine)
+        fields = (time, position, volume, start, velocity, None, path, affine)
+        record = SceneRecord(name, group.text("material"), settings, parameters, *fields)
         keyframes = _keyframes(group, record) if with_keyframes and "keyframes" in group else None
         return SceneRecord(**{**vars(record), "keyframes": keyframes})
 
@@ -147,6 +147,7 @@ def _check_values(
     volume: np.ndarray,
     start: np.ndarray | None,
     velocity: np.ndarray | None,
+    affine: np.ndarray | None,
 ) -> None:
     if not np.all(np.abs(time) < LONGEST_TIME) or np.any(np.diff(time) <= 0.0):
         raise group.fault(f"'time' is not increasing, or not below {LONGEST_TIME:g} s")
@@ -155,6 +156,7 @@ def _check_values(
         ("volume", volume),
         ("initial_velocity", start),
         ("velocity", velocity),
+        ("initial_affine", affine),
     ):
         if values is not None and not np.isfinite(values).all():
             first = " in the first frame" if name == "position" else ""
@@ -219,7 +221,7 @@ def _write_scene(group: h5py.Group, record: SceneRecord) -> None:
     for name, value in record.parameters.items():
         group.attrs[name] = float(value)
     _write_array(group, "time", record.time.astype(np.float64))
-    for name in ("position", "volume", "initial_velocity", "velocity"):
+    for name in ("position", "volume", "initial_velocity", "initial_affine", "velocity"):
         values = getattr(record, name)
         if values is not None:
             _write_array(group, name, values.astype(np.float32))

@@ -22,6 +22,8 @@ class Observation:
     volume            [m^3], (particles,)
     initial_velocity  of the particles [m/s], (particles, 3), None where it is not known
     truth             physical parameters that the file stores, for a look beside the estimate, and for nothing else
+    initial_affine    APIC velocity gradient C of the particles [1/s], (particles, 3, 3), None for 0
+    spins_have_gradient  whether a spin that is sought starts with its velocity gradient as C, too
     """
 
     name: str
@@ -35,6 +37,8 @@ class Observation:
     volume: Float[np.ndarray, " particles"]
     initial_velocity: Float[np.ndarray, "particles 3"] | None
     truth: Mapping[str, float]
+    initial_affine: Float[np.ndarray, "particles 3 3"] | None = None
+    spins_have_gradient: bool = True
 
     @property
     def seen(self) -> Bool[np.ndarray, "frames markers"]:

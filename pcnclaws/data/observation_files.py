@@ -59,16 +59,16 @@ def from_record(
     require_inside(record.position[0], record.settings, record.label, slack=0.5 * record.settings.grid_spacing)
     own = np.arange(target.shape[1])[:, None], np.ones((target.shape[1], 1))
     followed = own
-    position, volume = target[0], record.volume.astype(np.float64)
+    position, volume, affine = target[0], record.volume.astype(np.float64), record.initial_affine
     velocity = None if record.initial_velocity is None else record.initial_velocity.astype(np.float64)
     if body is not None:
         names = [str(number) for number in range(target.shape[1])]
         followed = followed_particles(target[0], names, body.position, settings.grid_spacing)
         position, volume, velocity = body.position, body.volume, None
+    affine = None if velocity is None or affine is None else affine.astype(np.float64)
     time = record.time - record.time[0]
-    return Observation(
-        record.name, record.material, settings, time, target, *followed, position, volume, velocity, record.parameters
-    )
+    start = (position, volume, velocity, record.parameters, affine)
+    return Observation(record.name, record.material, settings, time, target, *followed, *start)
 
 
 def from_table(
@@ -103,6 +103,7 @@ def from_table(
         body.volume,
         velocity,
         {},
+        body.affine if velocity_known else None,
     )
 
 

@@ -46,6 +46,7 @@ class SceneRecord:
     initial_velocity  velocity at the first frame [m/s], (particles, 3), None when it is not known
     velocity          [m/s], (frames, particles, 3), None when it was not recorded
     source            the file, for error messages
+    initial_affine    APIC velocity gradient C at the first frame [1/s], (particles, 3, 3), None for 0
     """
 
     name: str
@@ -59,6 +60,7 @@ class SceneRecord:
     velocity: Float[np.ndarray, "frames particles 3"] | None = None
     keyframes: Keyframes | None = None
     source: str = ""
+    initial_affine: Float[np.ndarray, "particles 3 3"] | None = None
 
     @property
     def label(self) -> str:

@@ -77,7 +77,7 @@ Scene = TypeVar("Scene", SceneStart, SceneRecord)
 
 
 def start_of(record: SceneRecord) -> SceneStart:
-    """The start of a recorded scene: first frame, initial velocity, and the keyframe at step 0 where there is one.
+    """The start of a recorded scene: first frame, initial velocity and its gradient, or the keyframe at step 0.
 
     raises  UserError when the record does not say how the scene starts, or starts outside the domain
     """
@@ -97,6 +97,7 @@ def start_of(record: SceneRecord) -> SceneStart:
         record.position[0],
         record.initial_velocity,
         record.volume,
+        record.initial_affine,
     )
     keyframes = record.keyframes
     if keyframes is None or keyframes.step[0] != 0:
@@ -244,6 +245,9 @@ def _records(starts: Sequence[SceneStart], batch: SceneBatch, trajectory: Trajec
                 start.velocity.astype(np.float32),
                 velocity if len(velocity) else None,
                 Keyframes(keyframe_step, position[at], *full_states) if len(at) else None,
+                initial_affine=None
+                if start.affine is None or not start.affine.any()
+                else start.affine.astype(np.float32),
             )
         )
     return records

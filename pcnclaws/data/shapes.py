@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from pcnclaws.data.bodies import BODIES, FEWEST_PER_EDGE, filled_body, volume_fraction
 from pcnclaws.data.hdf5 import read_scenes, scene_names
+from pcnclaws.data.lattices import LATTICES, lattice_points
 from pcnclaws.data.meshes import filled_mesh
 from pcnclaws.data.records import LARGEST_VOLUME
 from pcnclaws.errors import UserError, unknown_name
@@ -44,17 +45,19 @@ def particles(
     centre: Sequence[float | int] = (0.5, 0.5, 0.5),
     side: float | int = 0.5,
     particles_per_edge: int = 10,
+    lattice: str = "faces",
 ) -> PointCloud:
     """A shape at rest, filled with a uniform lattice of particles of equal volume.
 
-    shape   'cube': the lattice includes the faces; 'sphere': the points of the cube's lattice that lie in the sphere;
-            one of BODIES: the centres of cells of the box that lie in the body
-    centre  of the shape's box [m]
-    side    edge of the cube, diameter of the sphere, edge of the box that a body is defined in [m]
-    raises  UserError
+    shape    'cube'; 'sphere': the points of the cube's lattice that lie in the sphere; one of BODIES: the centres of
+             cells of the box that lie in the body, whatever the lattice
+    centre   of the shape's box [m]
+    side     edge of the cube, diameter of the sphere, edge of the box that a body is defined in [m]
+    lattice  of the cube, one of LATTICES; the default is that of the paper and of its data
+    raises   UserError
     """
-    _check_shape(shape, centre, side, particles_per_edge)
-    return _placed(*_unit_lattice(shape, particles_per_edge), centre, side)
+    _check_shape(shape, centre, side, particles_per_edge, lattice)
+    return _placed(*_unit_lattice(shape, particles_per_edge, lattice), centre, side)
 
 
 def mesh_particles(
@@ -62,17 +65,19 @@ def mesh_particles(
     centre: Sequence[float | int] = (0.5, 0.5, 0.5),
     side: float | int = 0.5,
     particles_per_edge: int = 10,
+    lattice: str = "faces",
 ) -> PointCloud:
     """The body inside of a watertight surface mesh at rest: particles of equal volume on the cube's lattice.
 
     path                of a file that trimesh reads, in any unit of length
     centre              of the mesh's bounding box [m]
     side                longest edge of the bounding box [m]
-    particles_per_edge  along the longest edge, its ends included
+    particles_per_edge  along the longest edge
+    lattice             one of LATTICES
     raises              UserError
     """
-    _check_lattice(centre, side, particles_per_edge)
-    return _placed(*filled_mesh(path, particles_per_edge), centre, side)
+    _check_lattice(centre, side, particles_per_edge, lattice)
+    return _placed(*filled_mesh(path, particles_per_edge, lattice), centre, side)
 
 
 def spin_velocity(
@@ -104,16 +109,16 @@ def read_point_file(path: str | Path, name: str | None = None) -> PointCloud:
     return _read_npz(path) if path.suffix.lower() == ".npz" else _first_frame(path, name)
 
 
-def _unit_lattice(shape: str, per_edge: int) -> tuple[Float[np.ndarray, "particles 3"], float]:
+def _unit_lattice(shape: str, per_edge: int, lattice: str) -> tuple[Float[np.ndarray, "particles 3"], float]:
     """The points of a shape of side 1 about the origin, and its volume."""
     if shape in BODIES:
         return filled_body(shape, per_edge), volume_fraction(shape)
-    along = np.linspace(-0.5, 0.5, per_edge)
-    lattice = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3)
+    along = lattice_points(1.0, per_edge, lattice)
+    points = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3)
     if shape == "cube":
-        return lattice, 1.0
+        return points, 1.0
     # the tolerance keeps points that lie on the sphere but for rounding
-    return lattice[np.square(lattice).sum(1) <= 0.25 * (1.0 + 1e-9)], math.pi / 6.0
+    return points[np.square(points).sum(1) <= 0.25 * (1.0 + 1e-9)], math.pi / 6.0
 
 
 def _placed(
@@ -125,10 +130,12 @@ def _placed(
     return PointCloud(position, np.zeros_like(position), np.full(count, fraction * side**3 / count))
 
 
-def _check_shape(shape: str, centre: Sequence[float | int], side: float | int, particles_per_edge: int) -> None:
+def _check_shape(
+    shape: str, centre: Sequence[float | int], side: float | int, particles_per_edge: int, lattice: str
+) -> None:
     if shape not in SHAPES:
         raise unknown_name("scene.shape", shape, SHAPES)
-    _check_lattice(centre, side, particles_per_edge)
+    _check_lattice(centre, side, particles_per_edge, lattice)
     fewest = FEWEST_PER_EDGE if shape in BODIES else 3 if shape == "sphere" else 2
     if particles_per_edge < fewest:
         raise UserError(
@@ -137,7 +144,9 @@ def _check_shape(shape: str, centre: Sequence[float | int], side: float | int, p
         )
 
 
-def _check_lattice(centre: Sequence[float | int], side: float | int, particles_per_edge: int) -> None:
+def _check_lattice(centre: Sequence[float | int], side: float | int, particles_per_edge: int, lattice: str) -> None:
+    if lattice not in LATTICES:
+        raise unknown_name("scene.lattice", lattice, LATTICES)
     if len(centre) != 3 or not np.isfinite(np.asarray(centre, dtype=np.float64)).all():
         raise UserError(f"scene.centre={list(centre)} is not accepted; accepted: three finite numbers [m]")
     if not (math.isfinite(side) and 0.0 < side <= 1.0):
@@ -161,7 +170,8 @@ def _first_frame(path: Path, name: str | None) -> PointCloud:
         start.astype(np.float64), record.initial_velocity.astype(np.float64), record.volume.astype(np.float64)
     )
     if keyframes is None or keyframes.step[0] != 0:
-        return body
+        affine = record.initial_affine
+        return body if affine is None else body._replace(affine=affine.astype(np.float64))
     return body._replace(
         affine=keyframes.affine[0].astype(np.float64), deformation=keyframes.deformation[0].astype(np.float64)
     )

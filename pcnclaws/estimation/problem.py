@@ -81,6 +81,7 @@ class EstimationProblem:
         self._seen = torch.from_numpy(observation.seen)[:, None, :].expand(-1, 3, -1)
         self._target = self._tensor(vectors_first(np.nan_to_num(observation.target)))
         self._rigid = {k: vectors_first(self._rigid_motion(k)) for k in unknowns.motion}
+        self._gradient = {k: self._rigid_gradient(k) for k in unknowns.motion if observation.spins_have_gradient}
 
     def mse(self, candidates: Sequence[np.ndarray]) -> list[float]:
         """Mean squared distance [m^2] of each candidate's motion; infinite where it is unstable or diverges."""
@@ -126,15 +127,18 @@ class EstimationProblem:
         # the value is exact, the derivative that of the transform
         free = torch.as_tensor(values) + torch.as_tensor(slopes) * (coordinates.double() - torch.as_tensor(u))
         parameters = self._fixed()
-        velocity = self._start_velocity(values)
+        velocity, affine = self._start_velocity(values), self._start_affine(values)
         for k, unknown in enumerate(self.unknowns.sought):
             if unknown.is_motion:
-                velocity = velocity + (free[k] - values[k]).to(self.dtype) * self._tensor(self._rigid[k])
+                change = (free[k] - values[k]).to(self.dtype)
+                velocity = velocity + change * self._tensor(self._rigid[k])
+                if k in self._gradient:
+                    affine = affine + change * self._tensor(self._gradient[k])
             elif unknown.component is not None:
                 share = self._tensor(unknown.component.share)
                 parameters[unknown.name] = parameters.get(unknown.name, 0.0) + free[k].to(self.dtype) * share
         plan = self._interpolation(values)
-        state = ParticleState.at_rest_shape(self._position, velocity)
+        state = ParticleState.at_rest_shape(self._position, velocity, affine)
         found = self._positions(state, 1, parameters, plan)
         motion = self._at_frames(found[:, :, None, :], plan)[:, :, 0]
         return (motion - self._target)[self._seen].square().mean()
@@ -157,6 +161,7 @@ class EstimationProblem:
             observation.position,
             self._start_velocity(values).T.double().numpy(),
             observation.volume,
+            np.moveaxis(self._start_affine(values).double().numpy(), -1, 0),
             varying={name: one for name, one in parameters.items() if np.ptp(one) > 0.0},
         )
 
@@ -201,8 +206,9 @@ class EstimationProblem:
         names = sorted(of_copies[0])
         parameters = {name: self._tensor(np.concatenate([one[name] for one in of_copies])) for name in names}
         velocity = torch.cat([self._start_velocity(one) for one in values], dim=1)
+        affine = torch.cat([self._start_affine(one) for one in values], dim=2)
         rates = {name: np.zeros(copies * particles) for name in names}
-        velocity_rate = np.zeros((3, copies * particles))
+        velocity_rate, affine_rate = np.zeros((3, copies * particles)), np.zeros((3, 3, copies * particles))
         moving = set()
         for copy, carry in enumerate(carried):
             if carry is None:
@@ -212,6 +218,8 @@ class EstimationProblem:
             if unknown.is_motion:
                 velocity_rate[:, where] = slope * self._rigid[k]
                 moving.add("velocity")
+                if k in self._gradient:
+                    affine_rate[:, :, where] = slope * self._gradient[k]
             elif unknown.component is not None:
                 rates[unknown.name][where] = slope * unknown.component.share
                 moving.add(unknown.name)
@@ -219,7 +227,9 @@ class EstimationProblem:
             parameters[name] = forward_ad.make_dual(parameters[name], self._tensor(rates[name]))
         if "velocity" in moving:
             velocity = forward_ad.make_dual(velocity, self._tensor(velocity_rate))
-        state = ParticleState.at_rest_shape(self._position.repeat(1, copies), velocity)
+        if affine_rate.any():
+            affine = forward_ad.make_dual(affine, self._tensor(affine_rate))
+        state = ParticleState.at_rest_shape(self._position.repeat(1, copies), velocity, affine)
         found = self._positions(state, copies, parameters, plan)
         return found.unflatten(2, (copies, particles))
 
@@ -271,11 +281,24 @@ class EstimationProblem:
             velocity = velocity + values[k] * self._rigid[k]
         return self._tensor(velocity)
 
+    def _start_affine(self, values: np.ndarray) -> Tensor:
+        known = self.observation.initial_affine
+        affine = np.zeros((3, 3, len(self.observation.position))) if known is None else np.moveaxis(known, 0, -1)
+        for k, gradient in self._gradient.items():
+            affine = affine + values[k] * gradient
+        return self._tensor(affine)
+
     def _rigid_motion(self, k: int) -> Float[np.ndarray, "particles 3"]:
         """Velocities that a unit of a start velocity or a spin gives to its body."""
         unknown, position = self.unknowns.sought[k], self.observation.position
         share = unknown.component.share if unknown.component else np.ones(len(position))
         return share[:, None] * unknown.rigid_velocity(position, position)
+
+    def _rigid_gradient(self, k: int) -> Float[np.ndarray, "3 3 particles"]:
+        """Velocity gradients that a unit of a start velocity or a spin gives to its body."""
+        unknown = self.unknowns.sought[k]
+        share = unknown.component.share if unknown.component else np.ones(len(self.observation.position))
+        return unknown.velocity_gradient()[:, :, None] * share
 
     def _fixed(self) -> dict[str, Tensor]:
         return {name: self._tensor(known) for name, known in self.unknowns.fixed.items()}

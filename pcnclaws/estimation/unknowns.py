@@ -13,6 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from pcnclaws.data.velocity_gradients import spin_gradient
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.estimation.transforms import TRANSFORMS, Free, Transform
 
@@ -69,6 +70,12 @@ class Unknown:
         if self.name.startswith("velocity"):
             return axis
         return np.cross(axis, point - np.average(position, axis=0, weights=share))
+
+    def velocity_gradient(self) -> Float[np.ndarray, "3 3"]:
+        """The gradient of rigid_velocity: none of a start velocity, that of the rotation of a spin."""
+        if not self.name.startswith("spin"):
+            return np.zeros((3, 3))
+        return spin_gradient(np.eye(3)["xyz".index(self.name[-1])].tolist())
 
 
 @dataclass(frozen=True)

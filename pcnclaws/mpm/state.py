@@ -22,10 +22,11 @@ class ParticleState(NamedTuple):
     deformation: Matrices
 
     @classmethod
-    def at_rest_shape(cls, position: Vectors, velocity: Vectors) -> "ParticleState":
-        """The undeformed start of a scene: F = I and C = 0, spin living only in the velocities."""
+    def at_rest_shape(cls, position: Vectors, velocity: Vectors, affine: Matrices | None = None) -> "ParticleState":
+        """The undeformed start of a scene: F = I; C = 0, spin living only in the velocities, unless it is given."""
         identity = torch.eye(3, dtype=position.dtype, device=position.device)
-        affine = position.new_zeros(3, 3, position.shape[1])
+        if affine is None:
+            affine = position.new_zeros(3, 3, position.shape[1])
         return cls(position, velocity, affine, identity[:, :, None].expand_as(affine).clone())
 
 

@@ -1,0 +1,59 @@
+"""The velocity gradient that a body starts with: of a rigid rotation, or of a field that is known at its particles.
+
+Without it the first transfer to the grid is that of PIC, which takes the spin of what is smaller than a cell.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import KDTree
+
+# Neighbours of a particle: at most those around it in a lattice, not farther than this many spacings.
+MOST_NEIGHBOURS, REACH = 26, 1.8
+FEWEST_NEIGHBOURS = 4
+# A direction in which the neighbours spread less than this, relative to the widest, has no gradient.
+FLAT = 1e-6
+PARTICLES_AT_ONCE = 2**16
+
+
+def spin_gradient(spin: Sequence[float | int]) -> Float[np.ndarray, "3 3"]:
+    """The velocity gradient W of a rigid rotation, W x = spin x x [1/s].
+
+    spin  [rad/s]
+    """
+    x, y, z = (float(component) for component in spin)
+    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+
+
+def velocity_gradients(
+    position: Float[np.ndarray, "particles 3"],
+    velocity: Float[np.ndarray, "particles 3"],
+    volume: Float[np.ndarray, " particles"],
+) -> Float[np.ndarray, "particles 3 3"]:
+    """The gradient of a velocity field at each particle [1/s]: the least-squares fit to its nearest neighbours.
+
+    Exact for an affine field on any cloud of particles, also at its surface, where a gradient gathered from the grid
+    is not. Particles that few or no others are near, as in a spray, have none.
+    position  [m], (particles, 3)
+    velocity  [m/s], (particles, 3)
+    volume    [m^3], (particles,); its cube root is the spacing of particles
+    """
+    result = np.zeros((len(position), 3, 3))
+    if len(position) <= FEWEST_NEIGHBOURS:
+        return result
+    tree, count = KDTree(position), min(MOST_NEIGHBOURS + 1, len(position))
+    for first in range(0, len(position), PARTICLES_AT_ONCE):
+        part = slice(first, first + PARTICLES_AT_ONCE)
+        distance, neighbour = tree.query(position[part], k=count)
+        edge = np.cbrt(volume[part])
+        # lattices that include the faces of a body are wider than the edge of a particle
+        reach = REACH * np.clip(distance[:, 1], edge, 2.0 * edge)
+        near = (distance <= reach[:, None]).astype(np.float64)  # itself among them, which adds nothing
+        offset = position[neighbour] - position[part, None]
+        change = velocity[neighbour] - velocity[part, None]
+        spread = np.einsum("pn,pni,pnj->pij", near, offset, offset)
+        fitted = np.einsum("pn,pni,pnj->pij", near, change, offset) @ np.linalg.pinv(spread, FLAT, hermitian=True)
+        enough = near.sum(1) > FEWEST_NEIGHBOURS
+        result[part][enough] = fitted[enough]
+    return result
