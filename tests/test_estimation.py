@@ -8,6 +8,7 @@ import torch
 from observed_bodies import TRUTH, observed, problem_of, solved, start, unknowns_of
 
 from pcnclaws.data.scenes import simulate_records
+from pcnclaws.data.velocity_gradients import spin_gradient
 from pcnclaws.errors import UserError
 from pcnclaws.estimation.law_error import calibrated_error, known_law_error
 from pcnclaws.estimation.screening import screened_start, stable_start
@@ -88,10 +89,11 @@ def test_the_truth_is_found_again(material: str) -> None:
 def test_start_velocity_spin_and_clock_are_found_along() -> None:
     scene = start("elasticity")
     spin, centre = np.array((1.0, 2.0, -1.5)), scene.position.mean(0)
-    scene = replace(scene, velocity=scene.velocity + np.cross(spin, scene.position - centre))
+    affine = np.tile(spin_gradient(spin.tolist()), (64, 1, 1))
+    scene = replace(scene, velocity=scene.velocity + np.cross(spin, scene.position - centre), affine=affine)
     observation = observed(scene, steps=150, every=5)
     # the clock of the observation began 1.2 steps after the simulation did; its first frame is known to be the start
-    late = replace(observation.between(1e-9, 1.0), initial_velocity=None)
+    late = replace(observation.between(1e-9, 1.0), initial_velocity=None, initial_affine=None)
     late = replace(late, time=late.time - 6e-4)
     unknowns = unknowns_of(late, motion=True, time_offset=True)
     guess = np.array([0.7 * TRUTH["elasticity"].get(unknown.name, 0.0) for unknown in unknowns.sought])
