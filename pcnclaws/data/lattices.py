@@ -8,8 +8,6 @@ faces    the outermost ones on the faces, as in the paper: they carry the mass o
 import numpy as np
 from jaxtyping import Float
 
-from pcnclaws.errors import unknown_name
-
 LATTICES = ("centres", "faces")
 # Accepted rounding of an edge that holds a whole number of spacings, relative.
 ROUNDING = 1e-5
@@ -18,11 +16,9 @@ ROUNDING = 1e-5
 def lattice_points(extent: float, per_edge: int, lattice: str) -> Float[np.ndarray, " points"]:
     """Coordinates about 0 along an edge of a box whose longest edge is 1 and holds `per_edge` points.
 
-    extent  length of this edge [-], from 0 to 1
-    raises  UserError for an unknown lattice
+    extent   length of this edge [-], from 0 to 1
+    lattice  one of LATTICES
     """
-    if lattice not in LATTICES:
-        raise unknown_name("scene.lattice", lattice, LATTICES)
     if lattice == "centres":
         cells = max(int(extent * per_edge * (1.0 + ROUNDING) + 0.5), 1)
         return (np.arange(cells) + 0.5 - 0.5 * cells) / per_edge
