@@ -24,12 +24,13 @@ from pcnclaws.data.observation_files import stored_truth
 from pcnclaws.data.scenes import simulate_records
 from pcnclaws.data.spacing import warn_of_sparse_particles
 from pcnclaws.errors import UserError
+from pcnclaws.estimation.fit import Fit, fit_of
 from pcnclaws.estimation.law_error import known_law_error
 from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.uncertainty import Uncertainty, uncertainty
 from pcnclaws.estimation.unknowns import Unknowns
 from pcnclaws.estimation_report import leave_estimation_pictures, result_table, result_values, verdicts
-from pcnclaws.estimation_setup import estimator_from, guess_from, start_from_guess, unknowns_from
+from pcnclaws.estimation_setup import estimator_from, guess_from, noise_from, start_from_guess, unknowns_from
 from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import write_metrics
 from pcnclaws.laws.materials import Laws, Material
@@ -55,6 +56,7 @@ def estimate(config: DictConfig) -> None:
     material = material_from(config)
     estimator = estimator_from(config)
     observation = observation_from(config, material)
+    noise = noise_from(config)
     unknowns = unknowns_from(config, material, observation)
     laws, law_error = laws_for(str(config.law), material), known_law_error(law_folder(str(config.law), material))
     problem = EstimationProblem(laws, observation, unknowns, precision_from(config), skips_from(config))
@@ -64,14 +66,15 @@ def estimate(config: DictConfig) -> None:
     module = InverseModule(problem, start_from_guess(config, problem, guess, console), estimator)
     folder = _search_folder(config, output)
     fit_inverse(module, folder, console)
-    found = uncertainty(module.linearisation(), unknowns, module.u, law_error)
+    found = uncertainty(module.linearisation(), unknowns, module.u, law_error, noise)
+    fit = fit_of(problem, module.u, found, noise)
 
     truth = stored_truth(observation, material.parameter_names)
     title = f"{material.name}, law {config.law}, {observation.name}: {observation.seen.sum()} positions"
     guessed = unknowns.values(guess).tolist()
     fixed = {name: float(values[0]) for name, values in unknowns.fixed.items()}
-    console.print(result_table(title, guessed, found, truth, fixed))
-    for line in [*verdicts(found), *_outside(config, material, unknowns, module)]:
+    console.print(result_table(title, guessed, found, fit, truth, fixed))
+    for line in [*verdicts(found, fit), *_outside(config, material, unknowns, module)]:
         console.print(line, markup=False)
     mse = module.linearisation().mse
     values = {
@@ -79,14 +82,14 @@ def estimate(config: DictConfig) -> None:
         "law": str(config.law),
         "observation": str(config.observation.file),
         "estimator": estimator.name,
-        **result_values(unknowns, guessed, found, truth),
+        **result_values(unknowns, guessed, found, fit, truth),
         "mse": mse,
         "iterations": module.iterations,
         "history": [{"values": list(numbers), "mse": error} for numbers, error in module.history],
         "seconds": round(time.monotonic() - started, 1),
         "provenance": provenance(config.seed) | {"precision": config.precision},
     }
-    for path in _extras(config, output, title, module, found, laws):
+    for path in _extras(config, output, title, module, found, fit, laws):
         console.print(f"wrote {path}")
     write_metrics(output, values)
     shutil.rmtree(folder / "checkpoints", ignore_errors=True)
@@ -122,7 +125,7 @@ def _outside(config: DictConfig, material: Material, unknowns: Unknowns, module:
 
 
 def _extras(
-    config: DictConfig, output: Path, title: str, module: InverseModule, found: Uncertainty, laws: Laws
+    config: DictConfig, output: Path, title: str, module: InverseModule, found: Uncertainty, fit: Fit, laws: Laws
 ) -> list[Path]:
     """Pictures and the simulated trajectory, as far as they are asked for."""
     observation, problem, u = module.problem.observation, module.problem, module.u
@@ -135,7 +138,7 @@ def _extras(
     if config.picture:
         truth = stored_truth(observation, tuple(unknown.name for unknown in problem.unknowns.sought))
         motion = problem.motion(u)
-        written += leave_estimation_pictures(stem, title, observation, motion, module.history, found, truth)
+        written += leave_estimation_pictures(stem, title, observation, motion, module.history, found, fit, truth)
     return written
 
 

@@ -30,6 +30,19 @@ def estimator_from(config: DictConfig) -> EstimatorSettings:
     )
 
 
+def noise_from(config: DictConfig) -> float | None:
+    """The standard deviation of observed coordinates [m] of `observation.noise`, None where it is not known."""
+    noise = config.observation.noise
+    if noise is None:
+        return None
+    if isinstance(noise, bool) or not isinstance(noise, (int, float)) or not (0.0 < noise < np.inf):
+        raise UserError(
+            f"observation.noise={noise} is not accepted; accepted: above 0 and finite [m], or null to take it from the "
+            "positions"
+        )
+    return float(noise)
+
+
 def unknowns_from(config: DictConfig, material: Material, observation: Observation) -> Unknowns:
     """What is sought: the parameters but for `fixed.*`, where they `vary`, and what `unknown.*` adds."""
     fixed = _given(config, "fixed", material)

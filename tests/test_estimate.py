@@ -47,6 +47,7 @@ def test_it_finds_the_truth_and_leaves_a_table_a_file_pictures_and_the_motion(es
         assert one["interval_95"][0] < true < one["interval_95"][1]
         assert (one["identifiable"], one["truth"]) == (True, true)
     assert found["mse"] < 1e-12
+    assert (found["fit"]["fitted"], found["verdicts"]) == (True, [])
     assert {"seconds", "history", "correlation", "noise", "law_error", "provenance"} < set(found)
     names = {path.name for path in (tmp_path / "new").iterdir()}
     assert names == {"e.json", "e_convergence.png", "e_fit.png", "e_simulated.h5", "e"}
@@ -119,6 +120,30 @@ def test_markers_of_a_table_with_a_noise_and_an_unknown_start(estimated, record,
         assert high - low < 0.3 * true
     assert found["motion"]["velocity_y"]["estimate"] == pytest.approx(-2.0, abs=0.02)
     assert found["noise"] == pytest.approx(2e-4, rel=0.2)
+    assert found["fit"]["scatter"] == pytest.approx(2e-4, rel=0.2)
+    assert found["fit"]["fitted"] is True
+
+
+def test_a_motion_that_is_not_fitted_has_a_verdict_and_no_interval(estimated, record, tmp_path: Path) -> None:
+    noise = 5e-4 * np.random.default_rng(1).standard_normal(record.position.shape).astype(np.float32)
+    noise[0] = 0.0
+    wrong = replace(record, position=record.position + noise, time=2.0 * record.time)
+    write_scenes(tmp_path / "x.h5", [wrong])
+    outcome = estimated("screening=0", "estimator.iterations=3", "trajectory=false")
+    assert outcome.status == 0, outcome.err
+    lines = outcome.out.replace("\n", " ")
+    assert "the motion is not fitted: residual" in lines
+    assert "the positions scatter by 0.5" in lines
+    assert "usual causes: axes (y is up), frame rate" in lines
+    found = json.loads((tmp_path / "new" / "e.json").read_text())
+    assert "not_fitted" in found["verdicts"]
+    assert any(line.startswith("the motion is not fitted: ") for line in found["verdicts"])
+    assert found["fit"]["fitted"] is False
+    assert found["fit"]["scatter"] == pytest.approx(5e-4, rel=0.15)
+    assert found["fit"]["residual"] > 10.0 * found["fit"]["scatter"]
+    for one in found["parameters"].values():
+        assert (one["interval_95"], one["identifiable"]) == (None, False)
+    assert {path.name for path in (tmp_path / "new").iterdir()} >= {"e_convergence.png", "e_fit.png"}
 
 
 def test_free_flight_gives_no_number(estimated, tmp_path: Path) -> None:
@@ -150,6 +175,8 @@ def test_free_flight_gives_no_number(estimated, tmp_path: Path) -> None:
         (["scene.shape=cube", "scene.side=0.05"], "from the body; accepted: at most one grid cell"),
         (["output=x.h5"], "is the file of observation.file"),
         (["device=cuda"], "device=cuda is not accepted; accepted: cpu"),
+        (["observation.noise=0"], "observation.noise=0 is not accepted; accepted: above 0"),
+        (["observation.noise=true"], "observation.noise=True is not accepted"),
         (["screening=-1"], "screening=-1 is not accepted"),
     ],
 )

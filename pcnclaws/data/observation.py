@@ -46,6 +46,11 @@ class Observation:
         return np.asarray(np.isfinite(self.target).all(2))
 
     @property
+    def places(self) -> Float[np.ndarray, "markers 3"]:
+        """Where the markers are at the start [m]."""
+        return np.einsum("mk,mkc->mc", self.weight, self.position[self.particle])
+
+    @property
     def spacing(self) -> float:
         """Distance of neighbouring particles [m]: the edge of the cube that one stands for."""
         return float(np.mean(self.volume) ** (1.0 / 3.0))

@@ -72,7 +72,8 @@ class EstimationProblem:
         dtype: torch.dtype = torch.float32,
         skips: Skips | None = None,
     ) -> None:
-        self.observation, self.unknowns, self.dtype, self.skips = observation, unknowns, dtype, skips or Skips()
+        self.laws, self.observation, self.unknowns = laws, observation, unknowns
+        self.dtype, self.skips = dtype, skips or Skips()
         self.simulator = simulator_of(laws, observation.settings, self.skips).to(dtype=dtype)
         self._position = self._tensor(vectors_first(observation.position))
         self._volume = self._tensor(observation.volume)

@@ -49,8 +49,10 @@ class Uncertainty:
 
     covariance   of the coordinates, (unknowns, unknowns); infinite variance where the motion says nothing
     correlation  [-], (unknowns, unknowns)
-    noise        scatter of the residual [m], at the minimum
+    noise        scatter of the residual [m], at the minimum, or of the positions where it is known to be larger
     law_error    what the law moves a marker wrongly by, in the ways that the unknowns would [m]
+    residual     at the minimum [m], (observed coordinates,)
+    freedom      observed coordinates that tell something, less the unknowns that have an influence
     """
 
     estimates: list[Estimate]
@@ -58,16 +60,23 @@ class Uncertainty:
     correlation: Float[np.ndarray, "unknowns unknowns"]
     noise: float
     law_error: float
+    residual: Float[np.ndarray, " rows"]
+    freedom: int
 
 
 def uncertainty(
-    at: Linearisation, unknowns: Unknowns, u: Float[np.ndarray, " unknowns"], law_error: float
+    at: Linearisation,
+    unknowns: Unknowns,
+    u: Float[np.ndarray, " unknowns"],
+    law_error: float,
+    noise: float | None = None,
 ) -> Uncertainty:
     """The uncertainty at the end of a search.
 
     Covariances are those of the minimum. Where the search has not come to it, an interval reaches twice as far as the
     next Gauss-Newton step, which is right to its order alone, and by its half-width further.
     law_error  calibrated error of the law [m]
+    noise      standard deviation of an observed coordinate [m]; None: that of the residual
     """
     rows = at.jacobian.shape[1]
     normal = at.jacobian @ at.jacobian.T
@@ -76,7 +85,11 @@ def uncertainty(
     inverse, step = _inverse(normal, felt), np.zeros(len(u))
     step[felt] = -inverse[np.ix_(felt, felt)] @ (at.jacobian @ at.residual)[felt]
     minimum = at._replace(residual=at.residual + step @ at.jacobian)
-    noise = max(float(np.sqrt(np.sum(np.square(minimum.residual)) / max(rows - len(u), 1))), ROUNDING)
+    # the first frame is right by construction, and says nothing of the noise
+    telling = (np.abs(at.residual) > ROUNDING) | np.any(at.jacobian != 0.0, axis=0)
+    freedom = int(telling.sum() - felt.sum())
+    scatter = float(np.sqrt(np.sum(np.square(minimum.residual)) / max(freedom, 1)))
+    noise = max(scatter, noise or 0.0, ROUNDING)
     of_noise = noise**2 * inverse * _clustering(minimum, inverse, noise, felt)
     of_law = law_error**2 * rows * inverse
     covariance = of_noise + of_law
@@ -85,7 +98,7 @@ def uncertainty(
         share = np.where(felt, np.diag(of_law) / np.diag(covariance), 0.0)
         correlation = np.where(np.outer(felt, felt), covariance / np.outer(deviation, deviation), 0.0)
     estimates = [_estimate(unknowns, u, k, step[k], deviation[k], float(share[k])) for k in range(len(u))]
-    return Uncertainty(estimates, covariance, correlation, noise, law_error)
+    return Uncertainty(estimates, covariance, correlation, noise, law_error, minimum.residual, freedom)
 
 
 def projected_error(at: Linearisation, difference: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " unknowns"]:

@@ -49,12 +49,14 @@ def predicted_beside_true(
     path: Path,
     times: int = 5,
     words: tuple[str, str] = ("true", "predicted"),
+    warning: str = "",
 ) -> Path:
     """The true trajectory above the predicted one at `times` evenly spread frames.
 
     The predicted particles are coloured by their distance from the true ones.
     true, predicted  the same particles at the same frames
     words            what the two are called
+    warning          a second line of the title
     """
     camera = camera_for([true, predicted], PANEL_WIDTH)
     frames = _spread(true, times)
@@ -73,7 +75,7 @@ def predicted_beside_true(
     )
     bar.set_label(f"distance from {words[0]} [mm]", fontsize=7)
     bar.ax.tick_params(labelsize=7)
-    figure.suptitle(_comparison_title(true, predicted), fontsize=10)
+    figure.suptitle(f"{_comparison_title(true, predicted)}\n{warning}".strip(), fontsize=10)
     return _save(figure, path)
 
 

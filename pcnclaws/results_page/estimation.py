@@ -196,8 +196,10 @@ def _off(name: str, error: float) -> str:
 
 
 def _cell(label: str, one: Document) -> str:
-    if not one["identifiable"]:
+    if one["estimate"] is None:
         return "not told"
+    if one["interval_95"] is None:
+        return f"{_number(label, one['estimate'])} (not fitted)"
     low, high = (_number(label, end) for end in one["interval_95"])
     return f"{_number(label, one['estimate'])} ({low} to {high})"
 
