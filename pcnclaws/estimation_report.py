@@ -73,7 +73,8 @@ def verdicts(found: Uncertainty, fit: Fit) -> list[str]:
         if not estimate.identifiable:
             felt = bool(np.isfinite(found.covariance[number, number]))
             low, high = estimate.interval
-            why = f"its interval is {low:.3g} to {high:.3g}" if felt else "it has no influence on what was observed"
+            interval = f"{low:.3g} to {high:.3g}" if fit.has_intervals else "too wide"
+            why = f"its interval is {interval}" if felt else "it has no influence on what was observed"
             lines.append(f"{estimate.label} cannot be told {where}: {why}")
     labels = [estimate.label for estimate in found.estimates]
     for i, j in zip(*np.nonzero(np.triu(np.abs(found.correlation), 1) > CORRELATED), strict=True):
@@ -99,7 +100,8 @@ def _misfit(fit: Fit) -> str:
     """The residual beside what would be right, and its pattern."""
     words = [f"residual {_length(fit.residual)}"]
     if fit.scatter:
-        words.append(f"the positions scatter by {_length(fit.scatter.size)} ({fit.scatter.known})")
+        bound = "" if fit.scatter.given else "at most "
+        words.append(f"the positions scatter by {bound}{_length(fit.scatter.size)} ({fit.scatter.known})")
     if fit.tolerance > (fit.scatter.size if fit.scatter else 0.0):
         words.append(f"law and simulation are right to {_length(fit.tolerance)}")
     if fit.alike is not None:

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-# Orders of the differences in time: the second one needs fewer frames, the third one sees less of a curved path.
-ORDERS = (2, 3)
+# Orders of the differences in time: a low one needs fewer frames, a high one sees less of a curved path.
+ORDERS = (2, 3, 4, 5)
 # Median of the magnitude of a normal variable of unit variance.
 NORMAL_MEDIAN = 0.6744897501960817
 # Fewer differences than this say nothing.
