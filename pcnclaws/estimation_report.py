@@ -87,7 +87,7 @@ def _fit_verdict(fit: Fit) -> list[str]:
     if fit.fitted:
         return []
     if fit.fitted is False:
-        return [f"the motion is not fitted: {_misfit(fit)}; the estimate has no interval; {CAUSES}"]
+        return [f"the motion is not fitted: {', '.join(_misfit(fit))}; the estimate has no interval; {CAUSES}"]
     if fit.freedom < 1:
         why = "there are not more observed coordinates than unknowns"
         lacking = "" if fit.has_intervals else "; without observation.noise= [m] the estimate has no interval"
@@ -96,7 +96,7 @@ def _fit_verdict(fit: Fit) -> list[str]:
     return [f"whether the motion is fitted cannot be told: {why}; observation.noise= [m] says it"]
 
 
-def _misfit(fit: Fit) -> str:
+def _misfit(fit: Fit) -> list[str]:
     """The residual beside what would be right, and its pattern."""
     words = [f"residual {_length(fit.residual)}"]
     if fit.scatter:
@@ -109,7 +109,7 @@ def _misfit(fit: Fit) -> str:
     if fit.odd:
         many = "one marker holds" if len(fit.odd) == 1 else f"{len(fit.odd)} markers hold"
         words.append(f"{many} more than half of its square: are labels exchanged?")
-    return ", ".join(words)
+    return words
 
 
 def _length(size: float) -> str:
@@ -173,7 +173,7 @@ def leave_estimation_pictures(
     truth: Mapping[str, float],
 ) -> list[Path]:
     """<stem>_convergence.png: unknowns and error over the iterations; <stem>_fit.png: observed beside simulated."""
-    warning = f"not fitted: {_misfit(fit)}" if fit.fitted is False else ""
+    warning = f"not fitted: {', '.join(_misfit(fit)[:2])}" if fit.fitted is False else ""
     courses = [
         Course(
             estimate.label,
