@@ -98,9 +98,9 @@ def of_material(material: str) -> Callable[[Observation], Observation]:
 SLOW = pytest.mark.slow
 WRONG = [
     pytest.param("elasticity", turned, id="axes"),
-    pytest.param("elasticity", lambda seen: faster(seen, 2.0), id="twice the frame rate"),
+    pytest.param("elasticity", lambda seen: faster(seen, 2.0), id="twice the frame rate", marks=SLOW),
     pytest.param("elasticity", lambda seen: faster(seen, 0.5), id="half the frame rate", marks=SLOW),
-    pytest.param("elasticity", larger, id="larger body"),
+    pytest.param("elasticity", larger, id="larger body", marks=SLOW),
     pytest.param("sand", of_material("elasticity"), id="sand as elasticity"),
     pytest.param("elasticity", of_material("sand"), id="elasticity as sand", marks=SLOW),
     pytest.param("elasticity", mirrored, id="mirrored", marks=SLOW),
