@@ -15,6 +15,7 @@ from typing import Any, cast
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
@@ -89,6 +90,36 @@ def register_resolvers() -> None:
 def task_overrides() -> list[str]:
     """The overrides of the running job, as they were written: their interpolations belong to another configuration."""
     return cast(list[str], OmegaConf.to_container(HydraConfig.get().overrides.task, resolve=False))
+
+
+def stated_options(group: str) -> list[str]:
+    """What the running job states of a group of options: all else has its value because nobody chose another.
+
+    Names within the group of options, or of nodes that hold them, stated on the command line, by the experiment, by
+    debug=, or by the file of the group that was chosen: another one than the default, or the default by its name.
+    What that file takes over from other files is not stated.
+    """
+    job = HydraConfig.get()
+    choices, by_default = job.runtime.choices, _file(str(job.job.config_name)).defaults
+    named = [override.key_or_group for override in OverridesParser.create().parse_overrides(task_overrides())]
+    stated = [name.removeprefix(f"{group}.") for name in named if name.startswith(f"{group}.")]
+    if group in named or {group: choices[group]} not in by_default:
+        stated += file_options(group, choices[group])
+    for name in ("experiment", "debug"):
+        if choices.get(name):
+            stated += dict(leaves(_file(f"{name}/{choices[name]}").get(group, OmegaConf.create())))
+    return stated
+
+
+def file_options(group: str, choice: str) -> dict[str, Any]:
+    """The options that one file of a group holds itself, by their names within the group."""
+    options = _file(f"{group}/{choice}")
+    options.pop("defaults", None)
+    return dict(leaves(options))
+
+
+def _file(name: str) -> DictConfig:
+    return cast(DictConfig, OmegaConf.load(conf_folder() / f"{name}.yaml"))
 
 
 def _as_group_choice(override: str) -> str:

@@ -1,6 +1,7 @@
 """Trains the laws of a material: python -m pcnclaws.train experiment=sand_multi."""
 
 import copy
+import math
 import time
 from pathlib import Path
 from typing import Any, cast
@@ -12,18 +13,19 @@ from rich.console import Console
 from pcnclaws import launcher
 from pcnclaws.baselines.identified import identified_values
 from pcnclaws.configuration import device_from, material_from, precision_from, skips_from, use_processor, whole_number
-from pcnclaws.data.motion import Model, MotionModel
+from pcnclaws.data.motion import Model
 from pcnclaws.data_sets import ready_data_set
 from pcnclaws.errors import UserError
 from pcnclaws.evaluation.provenance import commit
-from pcnclaws.laws.materials import Laws, Material
+from pcnclaws.laws.materials import Laws
 from pcnclaws.models import build_model
 from pcnclaws.runs import METRICS, WEIGHTS, is_finished, start_run
 from pcnclaws.training.fit import FitResult, fit, quiet_lightning
 from pcnclaws.training.sources import TrainingScenes, for_regime, generated_scenes, own_scenes
 from pcnclaws.training.weights import set_law_weights, write_weights
-from pcnclaws.training_report import Report, write_report
-from pcnclaws.training_setup import check_training, regime_from, setup
+from pcnclaws.training_report import Report, against_untrained, write_report
+from pcnclaws.training_setup import Setup, check_training, regime_from, setup
+from pcnclaws.training_start import settled_start
 
 # Width of what is printed where the output is not a terminal.
 PLAIN_WIDTH = 120
@@ -39,26 +41,29 @@ def train(config: DictConfig) -> None:
     use_processor(config)
     quiet_lightning()
     console = Console(soft_wrap=True) if Console().is_terminal else Console(width=PLAIN_WIDTH, soft_wrap=True)
-    folder, plain = Path(config.output), cast(dict[str, Any], OmegaConf.to_container(config))
+    folder = Path(config.output)
     check_training(config)
     regime, model = regime_from(config), untrained_model(config)
+    own = None if config.data.trajectories is None else for_regime(_own_scenes(config), regime, config.regime.scene)
+    config, start_notes = settled_start(config, model, own and own.training)
+    plain = cast(dict[str, Any], OmegaConf.to_container(config))
     if not config.overwrite and is_finished(folder, plain):
         console.print(f"{folder} holds this run, finished: see {folder / METRICS}; overwrite=true trains it anew")
         return
 
-    scenes = for_regime(_scenes(config), regime, config.regime.scene)
+    scenes = own or for_regime(_generated_scenes(config), regime, config.regime.scene)
     prepared = setup(config, model, scenes)
-    for note in (*scenes.notes, *prepared.notes, *_start_in_words(model, scenes.start)):
+    for note in (*scenes.notes, *start_notes, *prepared.notes):
         console.print(note)
     start_run(folder, plain, config.overwrite)
-    untrained = copy.deepcopy(model)
+    untrained, untrained_mse = copy.deepcopy(model), _check_before(config, prepared, console)
     log_every = whole_number(config, "logger.every")
     fitted = fit(prepared.module, prepared.data, folder, device_from(config), log_every, console, prepared.clock)
 
     notes = _notes(config, scenes, fitted)
     write_weights(folder / WEIGHTS, fitted.best.weights, notes)
     set_law_weights(model, fitted.best.weights, str(folder / WEIGHTS))
-    notes |= {"training_seconds": round(prepared.clock.spent, 1)}
+    notes |= against_untrained(fitted.best.mse, untrained_mse) | {"training_seconds": round(prepared.clock.spent, 1)}
     notes |= {"identified": found} if isinstance(model, Laws) and (found := identified_values(model)) else {}
     report = Report(folder, scenes, fitted, notes, untrained, model, started, skips_from(config))
     write_report(report, device_from(config), precision_from(config), config.seed, config.picture, console)
@@ -75,18 +80,31 @@ def untrained_model(config: DictConfig) -> Model:
     return untrained
 
 
-def _scenes(config: DictConfig) -> TrainingScenes:
-    """The user's own scenes where data.trajectories names them, the generated data set otherwise."""
-    material: Material = material_from(config)
-    if config.data.trajectories is None:
-        return generated_scenes(ready_data_set(config), material, config.training.start)
+def _own_scenes(config: DictConfig) -> TrainingScenes:
+    """The scenes of the user's own files."""
     named = config.data.trajectories
     paths = OmegaConf.create([named]) if isinstance(named, str) else named
     if not OmegaConf.is_list(paths) or not all(isinstance(path, str) for path in paths) or not len(paths):
         raise UserError(
             f"data.trajectories={named} is not accepted; accepted: the path of a trajectory file, or a list of them"
         )
-    return own_scenes([Path(path) for path in paths], material, config.training.start)
+    return own_scenes([Path(path) for path in paths], material_from(config))
+
+
+def _generated_scenes(config: DictConfig) -> TrainingScenes:
+    """The scenes of the generated data set, which is made if it is missing."""
+    return generated_scenes(ready_data_set(config), material_from(config))
+
+
+def _check_before(config: DictConfig, prepared: Setup, console: Console) -> float | None:
+    """The error of the untrained model that the checks compare with [m^2]; None where nothing is trained."""
+    if not config.training.iterations:
+        return None
+    mse = prepared.module.rollout_error(prepared.data.validation)
+    console.print(
+        f"before training: check {mse:.2e} m²" if math.isfinite(mse) else "before training: the check diverges"
+    )
+    return mse
 
 
 def _notes(config: DictConfig, scenes: TrainingScenes, fitted: FitResult) -> dict[str, Any]:
@@ -94,8 +112,8 @@ def _notes(config: DictConfig, scenes: TrainingScenes, fitted: FitResult) -> dic
     return {
         "material": config.material.name,
         "regime": config.regime.name,
-        "training_start": scenes.start,
-        "positions_only": scenes.start == "initial",
+        "training_start": config.training.start,
+        "positions_only": config.training.start == "initial",
         "training_scenes": len(scenes.training),
         "ranges": {name: list(span) for name, span in scenes.ranges.items()},
         "iterations": _iterations(config, fitted),
@@ -110,13 +128,6 @@ def _iterations(config: DictConfig, fitted: FitResult) -> int:
     """How many were done: all of them, unless the clock ended the training."""
     by_clock = config.training.seconds is not None and fitted.history.check_iteration
     return fitted.history.check_iteration[-1] if by_clock else config.training.iterations
-
-
-def _start_in_words(model: Model, start: str) -> tuple[str, ...]:
-    if isinstance(model, MotionModel):
-        return ("trains on frames and the next ones: positions only",)
-    words = "recorded full states (keyframes)" if start == "keyframes" else "the initial state (positions only)"
-    return (f"segments start from {words}",)
 
 
 def main() -> None:

@@ -61,6 +61,8 @@ def write_report(
     start = "positions only" if report.notes["positions_only"] else "segments from keyframes"
     title = f"{report.notes['material']}, {report.notes['regime']}, {start}: {len(after)} scenes"
     console.print(results_table(after, title, before, published))
+    if warning := _warning(report):
+        console.print(warning)
     for path in _pictures(report, survived(after), before) if pictures else ():
         console.print(f"wrote {path}")
     origin = provenance(seed, device) | {"precision": str(dtype).removeprefix("torch.")}
@@ -70,6 +72,23 @@ def write_report(
     write_metrics(report.folder / METRICS, values)
     console.print(f"wrote {report.folder / METRICS}")
     console.print(f"use it with law={report.folder}")
+
+
+def against_untrained(trained: float, untrained: float | None) -> dict[str, Any]:
+    """What the results keep of the checks of the trained and the untrained model.
+
+    trained, untrained  mean MSE of the check scenes [m^2], infinite if the model diverges; None: nothing was trained
+    """
+    better = None if untrained is None else trained < untrained
+    return {"validation_mse_before_training": untrained, "better_than_untrained": better}
+
+
+def _warning(report: Report) -> str | None:
+    """One line where the training made nothing better."""
+    if report.notes.get("better_than_untrained") is not False:
+        return None
+    before, after = report.notes["validation_mse_before_training"], report.notes["validation_mse"]
+    return f"warning: training made nothing better: the checks give {after:.2e} m² after it, {before:.2e} m² before"
 
 
 def _after(report: Report, device: torch.device, dtype: torch.dtype, console: Console) -> Outcomes:

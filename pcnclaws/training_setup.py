@@ -1,14 +1,15 @@
 """From the configuration to what trains a model: its module, its batches and its clock."""
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from omegaconf import DictConfig
 
 from pcnclaws.configuration import precision_from, skips_from, whole_number
 from pcnclaws.data.datamodule import CheckedDataModule, TrajectoryDataModule
-from pcnclaws.data.dataset import SegmentPlan
+from pcnclaws.data.dataset import SegmentDataset
 from pcnclaws.data.motion import Model, MotionModel
+from pcnclaws.data.segments import SegmentPlan
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.training.budget import WallClock
 from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
@@ -21,6 +22,10 @@ from pcnclaws.training.watched import WatchedModule
 REGIMES: dict[str, type[ConstitutiveModule]] = {"multi_scene": MultiSceneModule, "single_scene": SingleSceneModule}
 # Noise of the positions that a model of motion is trained with, unless training.noise says another [m].
 NO_NOISE = 0.0
+
+
+# A module, its batches, and notes for the user.
+Prepared: TypeAlias = tuple[WatchedModule, CheckedDataModule, tuple[str, ...]]
 
 
 class Setup(NamedTuple):
@@ -41,7 +46,7 @@ def regime_from(config: DictConfig) -> type[ConstitutiveModule]:
 
 def check_training(config: DictConfig) -> None:
     """Refuses wrong options of `training.*` before any data is made."""
-    _plan(config, config.training.start)
+    _plan(config)
     _optimiser(config)
     _budget(config)
     _noise(config)
@@ -52,25 +57,23 @@ def setup(config: DictConfig, model: Model, scenes: TrainingScenes) -> Setup:
     every, notes = _check_every(config)
     clock = WallClock(_budget(config))
     prepare = _one_step if isinstance(model, MotionModel) else _simulated
-    module, data = prepare(config, model, scenes, every, clock)
-    return Setup(module, data, clock, notes)
+    module, data, more = prepare(config, model, scenes, every, clock)
+    return Setup(module, data, clock, (*notes, *more))
 
 
 def _simulated(
     config: DictConfig, model: Model, scenes: TrainingScenes, check_every: int, clock: WallClock
-) -> tuple[WatchedModule, CheckedDataModule]:
+) -> Prepared:
     if isinstance(model, MotionModel):
         raise TypeError("a model of motion is not trained through a simulation")
-    plan = _plan(config, scenes.start)
+    plan = _plan(config)
     data = TrajectoryDataModule(scenes.training, scenes.validation, plan, check_every, precision_from(config))
     settings = data.dataset.settings
     module = regime_from(config)(model, settings, _optimiser(config), plan.iterations, skips_from(config))
-    return module, data
+    return module, data, (*data.dataset.notes, _segments_in_words(data.dataset))
 
 
-def _one_step(
-    config: DictConfig, model: Model, scenes: TrainingScenes, check_every: int, clock: WallClock
-) -> tuple[WatchedModule, CheckedDataModule]:
+def _one_step(config: DictConfig, model: Model, scenes: TrainingScenes, check_every: int, clock: WallClock) -> Prepared:
     if not isinstance(model, MotionModel):
         raise TypeError("laws are not trained by single steps")
     training = config.training
@@ -78,7 +81,17 @@ def _one_step(
     windows = model.windows(scenes.training, iterations, batch, _noise(config), config.seed)
     data = CheckedDataModule(windows, iterations, scenes.validation, check_every)
     optimiser = _optimiser(config)
-    return OneStepModule(model, optimiser.learning_rate, optimiser.gradient_clip, iterations, clock), data
+    module = OneStepModule(model, optimiser.learning_rate, optimiser.gradient_clip, iterations, clock)
+    return module, data, ("trains on frames and the next ones: positions only",)
+
+
+def _segments_in_words(dataset: SegmentDataset) -> str:
+    """How long the segments are, as the frames and the motions allow, and what they start from."""
+    first, last = dataset.lengths
+    words = (
+        "the initial state (positions only)" if dataset.plan.start == "initial" else "recorded full states (keyframes)"
+    )
+    return f"segments of {first if first == last else f'{first} to {last}'} steps start from {words}"
 
 
 def _optimiser(config: DictConfig) -> OptimiserSettings:
@@ -93,12 +106,12 @@ def _optimiser(config: DictConfig) -> OptimiserSettings:
     )
 
 
-def _plan(config: DictConfig, start: str) -> SegmentPlan:
+def _plan(config: DictConfig) -> SegmentPlan:
     training = config.training
     return SegmentPlan(
         training.iterations,
         training.batch_segments,
-        start,
+        training.start,
         training.segment_length.first,
         training.segment_length.last,
         training.loss_every,

@@ -10,7 +10,7 @@ from training_bodies import recorded
 
 from pcnclaws.baselines.identified import UnknownParameters, identified, identified_values
 from pcnclaws.data.datamodule import TrajectoryDataModule
-from pcnclaws.data.dataset import SegmentPlan
+from pcnclaws.data.segments import SegmentPlan
 from pcnclaws.laws.materials import MATERIALS, analytic_laws
 from pcnclaws.training.fit import fit, quiet_lightning
 from pcnclaws.training.module import OptimiserSettings

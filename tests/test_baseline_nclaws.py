@@ -11,7 +11,8 @@ from training_bodies import SETTINGS, recorded
 
 from pcnclaws.baselines.nclaws import FEATURES, NCLawsNetwork, features_and_rotation, nclaws
 from pcnclaws.baselines.polar import stretches_and_rotation
-from pcnclaws.data.dataset import SegmentDataset, SegmentPlan
+from pcnclaws.data.dataset import SegmentDataset
+from pcnclaws.data.segments import SegmentPlan
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.linalg3 import determinant, exp_symmetric, identity_like, matmul, transpose

@@ -66,9 +66,13 @@ def test_a_users_own_file_trains_on_positions_only(
     assert done.status == 0, done.err
     assert "3 scenes to train on, 1 for the checks: body_3" in done.out
     assert "checks every 12 iterations, which divides training.iterations=24" in done.out
-    assert "training.start=initial: scenes without keyframes train on positions only" in done.out
+    assert "trains on positions only, since no scene has keyframes after its start: training.start=initial" in done.out
+    assert "segments of 20 steps start from the initial state" in done.out
+    assert "training made nothing better" not in done.out
     metrics = json.loads((tmp_path / "run" / METRICS).read_text())
     assert metrics["training"]["positions_only"] is True
+    assert metrics["training"]["better_than_untrained"] is True
+    assert metrics["training"]["validation_mse_before_training"] == pytest.approx(metrics["mse_before_training"])
     assert metrics["mse"] < metrics["mse_before_training"]
     assert len(metrics["history"]["loss"]) == 24
     assert [scene["name"] for scene in metrics["scenes"]] == ["body_3"]
@@ -161,6 +165,7 @@ def test_without_iterations_the_run_holds_the_structure_of_the_law_alone(
     assert metrics["history"]["loss"] == []
     assert metrics["history"]["check_iteration"] == [0]
     assert (metrics["training"]["iterations"], metrics["training"]["best_iteration"]) == (0, 0)
+    assert metrics["training"]["better_than_untrained"] is None
     pictures = {path.name for path in (tmp_path / "run").glob("*.png")}
     assert "predicted_body_3.png" in pictures
     assert "loss.png" not in pictures

@@ -12,8 +12,8 @@ from rich.console import Console
 from training_bodies import Scaled, recorded
 
 from pcnclaws.data.datamodule import TrajectoryDataModule
-from pcnclaws.data.dataset import SegmentPlan
 from pcnclaws.data.records import SceneRecord
+from pcnclaws.data.segments import SegmentPlan
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.materials import MATERIALS, Laws

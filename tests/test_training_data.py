@@ -8,8 +8,9 @@ import torch
 from training_bodies import EVERY, SETTINGS, hidden, recorded
 
 from pcnclaws.data.datamodule import EpochSampler, TrajectoryDataModule
-from pcnclaws.data.dataset import SegmentBatch, SegmentDataset, SegmentPlan
+from pcnclaws.data.dataset import SegmentBatch, SegmentDataset
 from pcnclaws.data.records import SceneRecord
+from pcnclaws.data.segments import SegmentPlan
 from pcnclaws.errors import UserError
 from pcnclaws.laws.elasticity import FixedCorotated
 from pcnclaws.mpm.integrator import MPMIntegrator

@@ -25,7 +25,7 @@ def test_a_test_scene_that_diverges_is_noted_and_the_results_are_kept(tmp_path: 
     falls = replace(record, name="out", position=low, initial_velocity=downwards, velocity=None, keyframes=None)
     falls = replace(falls, settings=SimulationSettings(wall_distance=0.0))
     laws = analytic_laws(MATERIALS["sand"])
-    scenes = TrainingScenes([record], [record], [record, falls], "keyframes", MATERIALS["sand"].ranges)
+    scenes = TrainingScenes([record], [record], [record, falls], MATERIALS["sand"].ranges)
     notes = {"material": "sand", "regime": "multi_scene", "positions_only": False, "iterations": 1}
     fitted = FitResult(History(), BestWeights(laws), 0)
     report = Report(tmp_path, scenes, fitted, notes, laws, laws, 0.0, Skips())

@@ -15,10 +15,10 @@ from pcnclaws.benchmarking.checks import names, whole, wholes
 from pcnclaws.benchmarking.context import BenchmarkContext
 from pcnclaws.benchmarking.training_report import draw, tables
 from pcnclaws.data.datamodule import TrajectoryDataModule
-from pcnclaws.data.dataset import SegmentPlan
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.sampling import DataSetPlan, planned_scenes
 from pcnclaws.data.scenes import simulate_records
+from pcnclaws.data.segments import SegmentPlan
 from pcnclaws.data.shapes import particles
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.evaluation.builtin import paper_errors

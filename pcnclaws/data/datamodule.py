@@ -7,8 +7,9 @@ import torch
 from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from pcnclaws.data.dataset import SegmentDataset, SegmentPlan
+from pcnclaws.data.dataset import SegmentDataset
 from pcnclaws.data.records import SceneRecord
+from pcnclaws.data.segments import SegmentPlan
 from pcnclaws.errors import UserError
 
 

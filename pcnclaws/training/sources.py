@@ -4,6 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import start_of
@@ -21,7 +23,6 @@ class TrainingScenes:
     """The scenes of a run.
 
     test    scenes for the numbers at the end, never trained on
-    start   'keyframes' or 'initial', what the segments begin with
     ranges  span of each physical parameter that the law will be trained on
     notes   what the user should know about the choice, one line each
     """
@@ -29,12 +30,11 @@ class TrainingScenes:
     training: list[SceneRecord]
     validation: list[SceneRecord]
     test: list[SceneRecord]
-    start: str
     ranges: Mapping[str, tuple[float, float]]
     notes: tuple[str, ...] = ()
 
 
-def own_scenes(paths: Sequence[Path], material: Material, start: str) -> TrainingScenes:
+def own_scenes(paths: Sequence[Path], material: Material) -> TrainingScenes:
     """The scenes of the user's own trajectory files; the last of them for the checks when there are enough.
 
     raises  UserError if a scene is of another material, or lacks a parameter or its initial velocity
@@ -42,27 +42,24 @@ def own_scenes(paths: Sequence[Path], material: Material, start: str) -> Trainin
     records = [record for path in paths for record in _checked(path, material)]
     spare = max(1, round(VALIDATION_SHARE * len(records))) if len(records) >= FEWEST_TO_SPLIT else 0
     training, validation = records[: len(records) - spare], records[len(records) - spare :]
-    notes = [
+    note = (
         f"{len(training)} scenes to train on, {len(validation)} for the checks: "
         f"{', '.join(record.name for record in validation)}"
         if validation
         else f"the checks use the training scenes: fewer than {FEWEST_TO_SPLIT} scenes"
-    ]
-    if start == "keyframes" and not all(_can_restart(record) for record in training):
-        start = "initial"
-        notes.append("training.start=initial: scenes without keyframes train on positions only")
+    )
     checks = validation or training
-    return TrainingScenes(training, checks, checks, start, _spans(training, material.parameter_names), tuple(notes))
+    return TrainingScenes(training, checks, checks, _spans(training, material.parameter_names), (note,))
 
 
-def generated_scenes(files: Mapping[str, Sequence[Path]], material: Material, start: str) -> TrainingScenes:
+def generated_scenes(files: Mapping[str, Sequence[Path]], material: Material) -> TrainingScenes:
     """The scenes of a generated data set, by split; the material's test-only objects for the test."""
     splits = {split: [record for path in paths for record in read_scenes(path)] for split, paths in files.items()}
     notes = (
         f"{len(splits['train'])} scenes to train on, {len(splits['validation'])} for the checks, "
         f"{len(splits['test'])} unseen objects for the test",
     )
-    return TrainingScenes(splits["train"], splits["validation"], splits["test"], start, material.ranges, notes)
+    return TrainingScenes(splits["train"], splits["validation"], splits["test"], material.ranges, notes)
 
 
 def for_regime(scenes: TrainingScenes, module: type[ConstitutiveModule], scene: str | int | None) -> TrainingScenes:
@@ -71,20 +68,21 @@ def for_regime(scenes: TrainingScenes, module: type[ConstitutiveModule], scene: 
     if len(chosen) == len(scenes.training):
         return scenes
     note = f"trains on scene '{chosen[0].name}' alone; the checks and the first line of the test use it too"
-    return TrainingScenes(
-        chosen, chosen, chosen + scenes.test, scenes.start, _spans(chosen, scenes.ranges), (*scenes.notes, note)
-    )
+    return TrainingScenes(chosen, chosen, chosen + scenes.test, _spans(chosen, scenes.ranges), (*scenes.notes, note))
+
+
+def can_restart(record: SceneRecord) -> bool:
+    """Whether a scene holds full states between its first frame and its last."""
+    if record.keyframes is None:
+        return False
+    step = record.keyframes.step
+    return bool(((step > 0) & (step < record.frame_steps()[-1])).any())
 
 
 def _spans(records: Sequence[SceneRecord], names: Iterable[str]) -> dict[str, tuple[float, float]]:
     """Smallest and largest value of each physical parameter."""
     values = {name: [record.parameters[name] for record in records] for name in names}
     return {name: (min(of_name), max(of_name)) for name, of_name in values.items()}
-
-
-def _can_restart(record: SceneRecord) -> bool:
-    """Whether a scene holds full states beyond its first frame."""
-    return record.keyframes is not None and bool((record.keyframes.step > 0).any())
 
 
 def _checked(path: Path, material: Material) -> list[SceneRecord]:
@@ -102,6 +100,8 @@ def _checked(path: Path, material: Material) -> list[SceneRecord]:
             f"{record.label}: parameters",
         )
         start_of(record)  # refuses what cannot be simulated
+        if not np.isfinite(record.position[1:]).any():
+            raise UserError(f"{record.label}: no particle is observed after the first frame; accepted: observed motion")
     return [
         replace(
             record,
