@@ -70,7 +70,7 @@ def _simulated(
     data = TrajectoryDataModule(scenes.training, scenes.validation, plan, check_every, precision_from(config))
     settings = data.dataset.settings
     module = regime_from(config)(model, settings, _optimiser(config), plan.iterations, skips_from(config))
-    return module, data, (*data.dataset.notes, _segments_in_words(data.dataset))
+    return module, data, (*data.dataset.notes, _segments_in_words(data.dataset)) if plan.iterations else ()
 
 
 def _one_step(config: DictConfig, model: Model, scenes: TrainingScenes, check_every: int, clock: WallClock) -> Prepared:

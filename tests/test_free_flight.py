@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from training_bodies import EVERY, SETTINGS, starts
+from training_bodies import EVERY, SETTINGS, lifted, starts
 
 from pcnclaws.data.dataset import SegmentDataset
 from pcnclaws.data.records import SceneRecord
@@ -24,12 +24,10 @@ LIFTS = (0.15, 0.3, 0.45)
 STEPS = 160
 
 
-def lifted(height: float, start: SceneStart, spin: float = 0.0) -> SceneStart:
-    """The body as much higher up, spinning about a level axis [rad/s]."""
-    position = start.position + np.array([0.0, height, 0.0])
-    centre = position.mean(0).tolist()
-    velocity = spin_velocity(position, start.velocity, [spin, 0.0, 0.0], centre)
-    return replace(start, position=position, velocity=velocity)
+def spinning(start: SceneStart, spin: float) -> SceneStart:
+    """The body spinning about a level axis [rad/s]."""
+    velocity = spin_velocity(start.position, start.velocity, [spin, 0.0, 0.0], start.position.mean(0).tolist())
+    return replace(start, velocity=velocity)
 
 
 def recorded_without_help(scenes: Sequence[SceneStart], steps: int = STEPS) -> list[SceneRecord]:
@@ -39,7 +37,7 @@ def recorded_without_help(scenes: Sequence[SceneStart], steps: int = STEPS) -> l
 
 @pytest.fixture(scope="module")
 def falls() -> list[SceneRecord]:
-    return recorded_without_help([lifted(lift, start) for lift, start in zip(LIFTS, starts(3), strict=True)])
+    return recorded_without_help([lifted(start, lift) for lift, start in zip(LIFTS, starts(3), strict=True)])
 
 
 def free_flight(record: SceneRecord) -> int | None:
@@ -60,12 +58,12 @@ def test_a_falling_body_shows_nothing_before_it_feels_a_wall(falls: list[SceneRe
 
 def test_a_free_body_at_rest_or_at_constant_velocity_shows_nothing_but_a_spinning_one_does() -> None:
     weightless = replace(SETTINGS, gravity=(0.0, 0.0, 0.0))
-    start = replace(lifted(0.2, starts(1, weightless)[0]), velocity=np.tile([0.2, 0.0, 0.1], (64, 1)))
+    start = replace(lifted(starts(1, weightless)[0], 0.2), velocity=np.tile([0.2, 0.0, 0.1], (64, 1)))
     still = replace(start, velocity=np.zeros((64, 3)))
-    moving, resting, spinning = recorded_without_help([start, still, lifted(0.0, start, 2.0)], 100)
+    moving, resting, turning = recorded_without_help([start, still, spinning(start, 2.0)], 100)
     assert free_flight(moving) is None
     assert free_flight(resting) is None
-    assert free_flight(spinning) == EVERY
+    assert free_flight(turning) == EVERY
 
 
 def test_a_body_that_lies_on_the_floor_shows_that_it_is_held() -> None:
@@ -118,7 +116,7 @@ def test_a_training_of_free_flight_alone_is_refused_with_the_length_that_would_d
 
 
 def test_segments_from_keyframes_are_drawn_from_the_whole_motion() -> None:
-    high = simulate_records([lifted(0.1, starts(1)[0])], LAWS, 120, EVERY, keyframe_every=10)
+    high = simulate_records([lifted(starts(1)[0], 0.1)], LAWS, 120, EVERY, keyframe_every=10)
     assert free_flight(high[0]) is not None
     dataset = SegmentDataset(high, SegmentPlan(40, 1, first=10, last=10))
     moving = {round(float(dataset[iteration].state.velocity[1].mean()), 2) for iteration in range(40)}
@@ -137,5 +135,5 @@ def test_unobserved_particles_do_not_look_like_free_flight_or_its_end(falls: lis
 def test_the_standard_setting_has_its_own_rounding() -> None:
     """500 steps of 5e-4 s through the air of a box without gravity."""
     settings = SimulationSettings(gravity=(0.0, 0.0, 0.0))
-    start = replace(lifted(0.1, starts(1, settings)[0]), velocity=np.tile([0.07, 0.11, -0.13], (64, 1)))
+    start = replace(lifted(starts(1, settings)[0], 0.1), velocity=np.tile([0.07, 0.11, -0.13], (64, 1)))
     assert free_flight(recorded_without_help([start], 500)[0]) is None

@@ -15,10 +15,12 @@ import numpy as np
 import pytest
 import torch
 from conftest import Outcome
-from training_bodies import recorded
+from training_bodies import EVERY, Scaled, lifted, recorded, starts
 
 from pcnclaws.data.hdf5 import write_scenes
-from pcnclaws.laws.elasticity import NeoHookean
+from pcnclaws.data.scenes import simulate_records
+from pcnclaws.laws.elasticity import NeoHookean, StVKHencky
+from pcnclaws.laws.materials import Laws
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.runs import CONFIG, METRICS, WEIGHTS, load_run
 from pcnclaws.train import train
@@ -78,9 +80,10 @@ def test_a_users_own_file_trains_on_positions_only(
     assert [scene["name"] for scene in metrics["scenes"]] == ["body_3"]
     assert load_run(tmp_path / "run").ranges["youngs_modulus"] == pytest.approx((2e4, 3.2e4))
 
-    again = in_process(train, "train", *options)
-    assert (again.status, again.err) == (0, "")
-    assert "run holds this run, finished" in again.out
+    for stated in ((), ("training.start=initial", "training.check_every=10")):
+        again = in_process(train, "train", *options, *stated)
+        assert (again.status, again.err) == (0, "")
+        assert "run holds this run, finished" in again.out
     other = in_process(train, "train", *options, "seed=5")
     assert other.status == 2
     assert "output=run holds a run of another configuration (seed: 0 there, 5 asked for)" in other.err
@@ -131,11 +134,21 @@ def test_wrong_input_is_one_line_and_leaves_nothing(
     write_scenes(tmp_path / "no_nu.h5", [replace(record, parameters={"youngs_modulus": 2e4})])
     write_scenes(tmp_path / "still.h5", [replace(record, initial_velocity=None, velocity=None, keyframes=None)])
     write_scenes(tmp_path / "ours.h5", [record])
+    falling = simulate_records([lifted(start, 0.15) for start in starts(3)], Laws(NeoHookean(), None), 100, EVERY)
+    write_scenes(tmp_path / "falling.h5", falling)
+    unseen = replace(record, position=np.where(np.arange(len(record.time))[:, None, None], np.nan, record.position))
+    write_scenes(tmp_path / "unseen.h5", [replace(unseen, velocity=None, keyframes=None)])
     file = f"data.trajectories={positions_only}"
     for option, message in (
         (("data.trajectories=no_nu.h5",), "parameters.poissons_ratio is missing"),
         (("data.trajectories=still.h5",), "initial_velocity"),
         (("data.trajectories=nowhere.h5",), "nowhere.h5: no such file"),
+        (
+            ("data.trajectories=falling.h5",),
+            "training.segment_length.last=10 is not accepted: segments",
+        ),
+        (("data.trajectories=unseen.h5",), "no particle is observed after the first frame"),
+        ((file, "training=keyframes"), "training.start=keyframes is not accepted: no scene has keyframes"),
         (("data.trajectories=3",), "data.trajectories=3 is not accepted"),
         (("data.trajectories=ours.h5", "material=sand"), "is of material 'elasticity'; accepted: sand"),
         ((file, "material=sand"), "parameters.friction_angle is missing"),
@@ -151,6 +164,21 @@ def test_wrong_input_is_one_line_and_leaves_nothing(
         assert message in done.err
         assert len(done.err.splitlines()) == 1, done.err
         assert not (tmp_path / "run").exists(), option
+
+
+def test_a_training_that_makes_nothing_better_says_so(in_process: Callable[..., Outcome], tmp_path: Path) -> None:
+    """Two bodies three times as stiff as they say, checked with one that is as stiff as it says."""
+    stiff, honest = recorded(2, Scaled(3.0), keyframes=False), recorded(3, StVKHencky(), keyframes=False)[2:]
+    write_scenes(tmp_path / "bodies.h5", [*stiff, *honest])
+    done = in_process(
+        train, "train", *SMALL, *SHORT, "data.trajectories=bodies.h5", "training.learning_rate=0.02", "output=run"
+    )
+    assert done.status == 0, done.err
+    metrics = json.loads((tmp_path / "run" / METRICS).read_text())
+    assert metrics["training"]["better_than_untrained"] is False
+    assert metrics["training"]["validation_mse_before_training"] < metrics["training"]["validation_mse"]
+    (warning,) = [line for line in done.out.splitlines() if "training made nothing better" in line]
+    assert f"{metrics['training']['validation_mse']:.2e} m² after it" in warning
 
 
 def test_without_iterations_the_run_holds_the_structure_of_the_law_alone(

@@ -53,6 +53,11 @@ def starts(count: int, settings: SimulationSettings = SETTINGS) -> list[SceneSta
     ]
 
 
+def lifted(start: SceneStart, height: float) -> SceneStart:
+    """The same start so much higher up [m]."""
+    return replace(start, position=start.position + np.array([0.0, height, 0.0]))
+
+
 def recorded(count: int, elasticity: Elasticity | None = None, keyframes: bool = True) -> list[SceneRecord]:
     """Recorded motions of these bodies."""
     laws = Laws(elasticity or FixedCorotated(), None)
