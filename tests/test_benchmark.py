@@ -33,8 +33,8 @@ SMOKE = {
         *("problem.switches=[free_fall,weight_gradients,all]", "problem.memory=false"),
     ],
     "training": [
-        *("problem.backends=[torch]", "problem.iterations=[1,2]", "problem.train_scenes=1"),
-        *("problem.particles_per_edge=3", "problem.steps=20"),
+        *("problem.backends=[torch]", "problem.iterations=[1,2]", "problem.train_scenes=2"),
+        *("problem.particles_per_edge=6", "problem.steps=20"),
     ],
 }
 
