@@ -19,6 +19,7 @@ from pcnclaws.benchmarking.problems import PROBLEMS
 from pcnclaws.benchmarking.yardstick import Yardstick
 from pcnclaws.configuration import device_from, whole_number
 from pcnclaws.errors import UserError
+from pcnclaws.outputs import check_ending
 from pcnclaws.runs import laws_for
 
 # Width of the tables where the output is not a terminal.
@@ -52,6 +53,7 @@ def _measure(config: DictConfig, folder: Path, name: str) -> Path:
 def _folder(config: DictConfig) -> Path:
     """The folder of `output=`, made where it is missing."""
     folder = Path(config.output)
+    check_ending("output", folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,7 +1,5 @@
 """Calibrates a law for estimation: python -m pcnclaws.calibrate material=sand law=RUN_FOLDER."""
 
-from pathlib import Path
-
 from omegaconf import DictConfig
 
 from pcnclaws import launcher
@@ -15,6 +13,7 @@ from pcnclaws.estimation.uncertainty import QUANTILE_95
 from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import write_metrics
 from pcnclaws.laws.materials import Material, analytic_laws
+from pcnclaws.outputs import RESULT, output_file
 from pcnclaws.progress import progress_bar
 from pcnclaws.runs import law_folder, laws_for
 
@@ -34,7 +33,7 @@ def calibrate(config: DictConfig) -> None:
     if folder is None:
         raise UserError("law=analytic has no error to calibrate; accepted: pretrained, or the path of a run folder")
     laws = laws_for(law, material)
-    output = folder / CALIBRATION if config.output is None else Path(config.output)
+    output = folder / CALIBRATION if config.output is None else output_file(config, *RESULT)
     before = known_law_error(folder) if (folder / CALIBRATION).is_file() else None
     starts = calibration_objects(material, whole_number(config, "objects"), whole_number(config, "seed", least=0))
     with progress_bar("estimating", len(starts)) as advance:

@@ -4,6 +4,7 @@ An entry point's options are exactly the keys of its default composition with th
 composition does not know is refused however it was added.
 """
 
+import logging
 import re
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -23,6 +24,9 @@ from omegaconf.errors import OmegaConfBaseException
 
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.options import check_options, leaves, unknown_option
+from pcnclaws.unused_options import check_unused
+
+log = logging.getLogger(__name__)
 
 CONFIG_ERRORS = (HydraException, OmegaConfBaseException)
 HYDRA_VERSION_BASE = "1.3"
@@ -61,7 +65,9 @@ def as_group_choices(overrides: Sequence[str]) -> list[str]:
 def checked(entry: str, config: DictConfig, overrides: Sequence[str]) -> DictConfig:
     """The configuration, resolved, after a look at every option; UserError for the first wrong one."""
     resolved = _resolved(config)
-    check_options(dict(leaves(resolved)), _defaults(entry, overrides))
+    options = dict(leaves(resolved))
+    check_options(options, _defaults(entry, overrides))
+    check_unused(entry, _written(overrides, options), options)
     OmegaConf.set_struct(resolved, True)
     return resolved
 
@@ -120,6 +126,23 @@ def file_options(group: str, choice: str) -> dict[str, Any]:
 
 def _file(name: str) -> DictConfig:
     return cast(DictConfig, OmegaConf.load(conf_folder() / f"{name}.yaml"))
+
+
+def _written(overrides: Sequence[str], options: Mapping[str, Any]) -> dict[str, Any]:
+    """What the command line sets: the values of options and the choices of groups by name. Two values get a line."""
+    written: dict[str, Any] = {}
+    for override in OverridesParser.create().parse_overrides(list(overrides)):
+        if override.is_delete():
+            continue
+        name = override.key_or_group.replace("/", ".")
+        below = [option for option in options if option.startswith(f"{name}.")]
+        # `unknown={motion: true}` sets an option below, the choice of a group sets none
+        names = below if isinstance(override.value(), dict) else [name]
+        for each in names:
+            if each in written:
+                log.warning("%s is given twice: %s counts", each, options.get(each, override.value()))
+            written[each] = options.get(each, override.value())
+    return written
 
 
 def _as_group_choice(override: str) -> str:

@@ -13,7 +13,7 @@ from pcnclaws.backend import use_backend
 from pcnclaws.data.observation import Observation
 from pcnclaws.data.observation_files import from_record, from_table, observed_record
 from pcnclaws.data.placement import require_inside
-from pcnclaws.data.scenes import SceneStart
+from pcnclaws.data.scenes import SceneStart, lightest_settings
 from pcnclaws.data.shapes import PointCloud, mesh_particles, particles, read_point_file, spin_velocity
 from pcnclaws.data.velocity_gradients import spin_gradient, velocity_gradients
 from pcnclaws.errors import UserError, unknown_name
@@ -76,10 +76,14 @@ def start_from(config: DictConfig) -> SceneStart:
     parameters = parameters_from(config, material)
     settings = settings_from(config, automatic=SimulationSettings.time_step)
     body = body_from(config)
+    if body.density is not None and settings.density != SimulationSettings.density:
+        raise _two_densities(config)
     require_inside(body.position, settings, _where(config))
     if config.simulation.time_step == "auto":
         speed = largest_speed(body.position, body.velocity, settings.gravity, settings.wall_distance)
-        settings = settings_from(config, automatic_time_step(settings, parameters, speed))
+        settings = settings_from(
+            config, automatic_time_step(lightest_settings(settings, body.density), parameters, speed)
+        )
     file = config.scene.particles or config.scene.mesh
     name = config.scene.name or (Path(str(file)).stem if file else config.scene.shape)
     return SceneStart(str(name), material.name, settings, parameters, *body)
@@ -104,10 +108,13 @@ def observation_from(config: DictConfig, material: Material) -> Observation:
     else:
         record = observed_record(path, config.observation.scene, material.name)
         observation = from_record(record, _observed_settings(config, record.settings), body)
-        if body is not None and config.scene.velocity is not None:
-            observation = replace(observation, initial_velocity=body.velocity, initial_affine=body.affine)
+        if config.scene.velocity is not None:
+            velocity, affine = _known_start(config, observation.position, body)
+            observation = replace(observation, initial_velocity=velocity, initial_affine=affine)
         elif body is None:
             observation = replace(observation, initial_affine=_observed_affine(config, observation))
+    if config.simulation.density is not None and observation.density is not None:
+        raise _two_densities(config)
     observation = replace(observation, spins_have_gradient=_affine(config) != "zero")
     return observation if config.observation.window is None else observation.between(*_window(config))
 
@@ -141,23 +148,6 @@ def use_processor(config: DictConfig) -> None:
     if config.threads is not None:
         torch.set_num_threads(whole_number(config, "threads"))
     use_backend(str(config.simulation.backend))
-
-
-def output_file(config: DictConfig) -> Path:
-    """The path of `output=`, looked at before the work begins: a file may be written there."""
-    path = Path(config.output)
-    if path.is_dir():
-        raise UserError(f"output={path} is a folder; accepted: the path of a file")
-    if path.exists() and not path.is_file():
-        raise UserError(f"output={path} is not a regular file; accepted: the path of a file")
-    for option in ("trajectories", "scene.particles", "scene.mesh", "observation.file", "file"):
-        source = OmegaConf.select(config, option)
-        if source is not None and path.resolve() == Path(str(source)).resolve():
-            raise UserError(f"output={path} is the file of {option}, which would be lost; accepted: another path")
-    existing = next(parent for parent in path.absolute().parents if parent.exists())
-    if not existing.is_dir():
-        raise UserError(f"output={path} cannot be written: {existing} is not a folder; accepted: the path of a file")
-    return path
 
 
 def body_from(config: DictConfig) -> PointCloud:
@@ -214,6 +204,13 @@ def _observed_affine(config: DictConfig, observation: Observation) -> Float[np.n
     return observation.initial_affine
 
 
+def _two_densities(config: DictConfig) -> UserError:
+    return UserError(
+        f"simulation.density={config.simulation.density} has no effect on particles that bring their density; "
+        "accepted: one of the two"
+    )
+
+
 def _where(config: DictConfig) -> str:
     scene = config.scene
     if scene.particles is not None:
@@ -227,12 +224,31 @@ def _observed_body(config: DictConfig) -> PointCloud | None:
     scene = config.scene
     if scene.shape is None and scene.particles is None and scene.mesh is None:
         return None
+    return body_from(OmegaConf.create({"scene": {**scene, **_known_motion(config)}}))
+
+
+def _known_motion(config: DictConfig) -> dict[str, list[float]]:
+    """Velocity and spin of the start as far as `scene.*` says, zeros otherwise."""
+    scene = config.scene
     known = scene.velocity is not None
     given = {"velocity": scene.velocity or [0.0, 0.0, 0.0], "spin": (scene.spin if known else None) or [0.0, 0.0, 0.0]}
     for name, vector in given.items():
         if len(vector) != 3 or any(isinstance(x, (bool, str)) for x in vector):
             raise UserError(f"scene.{name}={list(vector)} is not accepted; accepted: three numbers")
-    return body_from(OmegaConf.create({"scene": {**scene, **given}}))
+    return {name: [float(x) for x in vector] for name, vector in given.items()}
+
+
+def _known_start(
+    config: DictConfig, position: Float[np.ndarray, "particles 3"], body: PointCloud | None
+) -> tuple[Float[np.ndarray, "particles 3"], Float[np.ndarray, "particles 3 3"] | None]:
+    """Velocities and C of `scene.velocity` and `scene.spin`, of the body of `scene.*` or of the file's particles."""
+    if body is not None:
+        return body.velocity, body.affine
+    given = _known_motion(config)
+    velocity = np.broadcast_to(np.array(given["velocity"]), position.shape)
+    turning = _affine(config) != "zero" and any(given["spin"])
+    affine = np.tile(spin_gradient(given["spin"]), (len(position), 1, 1)) if turning else None
+    return spin_velocity(position, velocity, given["spin"]), affine
 
 
 def _observed_settings(config: DictConfig, own: SimulationSettings) -> SimulationSettings:

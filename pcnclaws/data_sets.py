@@ -23,6 +23,7 @@ from pcnclaws.data.sampling import DataSetPlan, planned_scenes
 from pcnclaws.data.scenes import SceneStart
 from pcnclaws.errors import UserError
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.outputs import check_ending
 from pcnclaws.time_step import automatic_time_step, check_time_step, largest_speed, scene_cfl, stable_cfl
 
 
@@ -37,12 +38,12 @@ def plan_from(config: DictConfig) -> DataSetPlan:
     stiffest = max(starts, key=_cfl)
     if config.simulation.time_step == "auto":
         return _plan(
-            config, settings_from(config, automatic_time_step(stiffest.settings, stiffest.parameters, _speed(stiffest)))
+            config, settings_from(config, automatic_time_step(stiffest.lightest, stiffest.parameters, _speed(stiffest)))
         )
     least_stable = max(
         starts, key=lambda start: _cfl(start) / stable_cfl(start.material, start.parameters["poissons_ratio"])
     )
-    check_time_step(least_stable.settings, least_stable.parameters, _speed(least_stable), least_stable.material)
+    check_time_step(least_stable.lightest, least_stable.parameters, _speed(least_stable), least_stable.material)
     return plan
 
 
@@ -51,6 +52,7 @@ def ready_data_set(config: DictConfig) -> dict[str, list[Path]]:
 
     raises  UserError when data.folder holds another data set, SimulationDiverged naming the scene
     """
+    check_ending("data.folder", config.data.folder)
     plan = plan_from(config)
     with _progress() as report:
         return generate_data_set(plan, str(config.data.folder), device_from(config), report, skips_from(config))
@@ -83,7 +85,7 @@ def _plan(config: DictConfig, settings: SimulationSettings) -> DataSetPlan:
 
 
 def _cfl(start: SceneStart) -> float:
-    return scene_cfl(start.settings, start.parameters, _speed(start))
+    return scene_cfl(start.lightest, start.parameters, _speed(start))
 
 
 def _speed(start: SceneStart) -> float:

@@ -14,7 +14,6 @@ from pcnclaws import launcher
 from pcnclaws.configuration import (
     material_from,
     observation_from,
-    output_file,
     precision_from,
     skips_from,
     use_processor,
@@ -34,6 +33,7 @@ from pcnclaws.estimation_setup import estimator_from, guess_from, noise_from, st
 from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import write_metrics
 from pcnclaws.laws.materials import Laws, Material
+from pcnclaws.outputs import RESULT, output_file
 from pcnclaws.runs import law_folder, laws_for, load_run, outside_training_data
 from pcnclaws.training.fit import quiet_lightning
 from pcnclaws.training.fit_inverse import fit_inverse
@@ -47,7 +47,7 @@ FREE_OPTIONS = ("output", "overwrite", "picture", "trajectory", "threads", "path
 def estimate(config: DictConfig) -> None:
     """Searches the parameters that explain the observation, and writes them to `output` with their intervals."""
     started = time.monotonic()
-    output = output_file(config)
+    output = output_file(config, *RESULT)
     use_processor(config)
     if config.device != "cpu":
         raise UserError(f"device={config.device} is not accepted; accepted: cpu, estimation has no other way yet")

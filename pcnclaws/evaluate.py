@@ -9,15 +9,16 @@ from pcnclaws import launcher
 from pcnclaws.configuration import (
     device_from,
     material_from,
-    output_file,
     precision_from,
     skips_from,
     use_processor,
 )
+from pcnclaws.data.first_motion import name_contradictions
 from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.data.motion import Model
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import start_of
+from pcnclaws.data.units import check_record
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.evaluation.builtin import builtin_task, paper_errors, true_records
 from pcnclaws.evaluation.divergence import DivergedScene, survivors
@@ -28,6 +29,7 @@ from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import Outcomes, metrics, results_table, survived, write_metrics
 from pcnclaws.evaluation.tasks import evaluate_records, require_material, steps_to_run
 from pcnclaws.laws.materials import Material
+from pcnclaws.outputs import RESULT, output_file
 from pcnclaws.progress import progress_bar
 from pcnclaws.runs import model_for
 from pcnclaws.time_step import largest_speed, scene_cfl, stable_cfl, time_step_limit
@@ -41,7 +43,7 @@ MAP = "outside_range"
 
 def evaluate(config: DictConfig) -> None:
     """Writes the errors of the configured law on the configured task to `output`, and pictures beside it."""
-    output = output_file(config)
+    output = output_file(config, *RESULT)
     use_processor(config)
     material = material_from(config)
     outcomes, floors = _on_file(config, material) if config.task.name == "file" else _on_task(config, material)
@@ -138,6 +140,8 @@ def _file_records(config: DictConfig, material: Material) -> list[SceneRecord]:
     records = _in_time_step(config, records)
     for record in records:
         _require_stable(record)
+        check_record(record)
+    name_contradictions(records)
     return records
 
 
@@ -154,7 +158,7 @@ def _require_stable(record: SceneRecord) -> None:
     start = start_of(record)
     speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
     stable = stable_cfl(start.material, start.parameters["poissons_ratio"])
-    if scene_cfl(start.settings, start.parameters, speed) > stable:
+    if scene_cfl(start.lightest, start.parameters, speed) > stable:
         raise UserError(
             f"{record.label}: time_step={start.settings.time_step:g} is unstable; accepted: {_limit(record)}"
         )
@@ -163,7 +167,7 @@ def _require_stable(record: SceneRecord) -> None:
 def _limit(record: SceneRecord) -> str:
     start = start_of(record)
     speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
-    return time_step_limit(start.settings, start.parameters, speed, start.material)
+    return time_step_limit(start.lightest, start.parameters, speed, start.material)
 
 
 def _print_table(config: DictConfig, outcomes: Outcomes, material: Material) -> None:

@@ -10,18 +10,19 @@ from jaxtyping import Float
 from omegaconf import DictConfig
 
 from pcnclaws import launcher
-from pcnclaws.configuration import output_file, whole_number
+from pcnclaws.configuration import whole_number
 from pcnclaws.data.hdf5 import read_scenes, scene_names
 from pcnclaws.data.markers import surface_particles
 from pcnclaws.data.observation_files import write_table
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import UserError
+from pcnclaws.outputs import TABLE, output_file
 from pcnclaws.rendering.pictures import picture_path, trajectory_picture
 
 
 def observe(config: DictConfig) -> None:
     """Writes the markers of a recorded motion as a CSV file to `output`, and a picture of them beside it."""
-    output = output_file(config)
+    output = output_file(config, *TABLE)
     record = _recorded(config)
     chance = np.random.default_rng(whole_number(config, "seed", least=0))
     marker = _chosen(config, record, chance)

@@ -8,7 +8,6 @@ from pcnclaws import launcher
 from pcnclaws.configuration import (
     device_from,
     material_from,
-    output_file,
     precision_from,
     skips_from,
     start_from,
@@ -20,6 +19,7 @@ from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import SceneStart, simulate_records
 from pcnclaws.data.spacing import particles_a_cell, warn_of_sparse_particles
 from pcnclaws.errors import SimulationDiverged, UserError
+from pcnclaws.outputs import TRAJECTORY, output_file
 from pcnclaws.progress import progress_bar
 from pcnclaws.rendering.pictures import picture_path, trajectory_picture
 from pcnclaws.runs import laws_for
@@ -28,7 +28,7 @@ from pcnclaws.time_step import check_time_step, largest_speed, time_step_limit
 
 def simulate(config: DictConfig) -> None:
     """Writes the trajectory of the configured scene to `output`, and a picture of it beside it."""
-    output = output_file(config)
+    output = output_file(config, *TRAJECTORY)
     use_processor(config)
     start = start_from(config)
     record = _trajectory(config, start)
@@ -41,7 +41,7 @@ def simulate(config: DictConfig) -> None:
 
 
 def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
-    settings, parameters = start.settings, start.parameters
+    settings, parameters = start.lightest, start.parameters
     speed = largest_speed(start.position, start.velocity, settings.gravity, settings.wall_distance)
     check_time_step(settings, parameters, speed, start.material)
     steps, every = whole_number(config, "simulation.steps"), whole_number(config, "simulation.every")

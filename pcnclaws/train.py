@@ -19,6 +19,7 @@ from pcnclaws.errors import UserError
 from pcnclaws.evaluation.provenance import commit
 from pcnclaws.laws.materials import Laws
 from pcnclaws.models import build_model
+from pcnclaws.outputs import check_ending
 from pcnclaws.runs import METRICS, WEIGHTS, is_finished, start_run
 from pcnclaws.training.fit import FitResult, fit, quiet_lightning
 from pcnclaws.training.sources import TrainingScenes, for_regime, generated_scenes, own_scenes
@@ -42,6 +43,7 @@ def train(config: DictConfig) -> None:
     quiet_lightning()
     console = Console(soft_wrap=True) if Console().is_terminal else Console(width=PLAIN_WIDTH, soft_wrap=True)
     folder = Path(config.output)
+    check_ending("output", folder)
     check_training(config)
     regime, model = regime_from(config), untrained_model(config)
     own = None if config.data.trajectories is None else for_regime(_own_scenes(config), regime, config.regime.scene)

@@ -11,7 +11,8 @@ from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.errors import UserError
 from pcnclaws.simulate import simulate
 
-SMALL = ("simulation.steps=10", "scene.particles_per_edge=4", "law=analytic")
+SHORT = ("simulation.steps=10", "law=analytic")
+SMALL = (*SHORT, "scene.particles_per_edge=4")
 
 
 def files(folder) -> list[str]:
@@ -53,7 +54,7 @@ def test_free_fall_is_exact_for_every_material(material, in_process, tmp_path):
 def test_a_scene_goes_on_from_a_file_with_a_motion_added(in_process, tmp_path):
     in_process(simulate, "simulate", *SMALL, "output=x.h5", "picture=false", "scene.velocity=[1,0,0]")
     outcome = in_process(
-        simulate, "simulate", *SMALL, "output=y.h5", "picture=false", "scene.particles=x.h5", "scene.velocity=[0,0,2]"
+        simulate, "simulate", *SHORT, "output=y.h5", "picture=false", "scene.particles=x.h5", "scene.velocity=[0,0,2]"
     )
     assert outcome.status == 0
     first, second = read_scenes(tmp_path / "x.h5")[0], read_scenes(tmp_path / "y.h5")[0]
@@ -157,7 +158,7 @@ def test_an_output_never_replaces_an_input_or_a_device(in_process, tmp_path):
         (("output=pipe",), "output=pipe is not a regular file"),
         (("simulation.every=11", "output=b.h5"), "simulation.every=11 keeps no frame"),
     ):
-        done = in_process(simulate, "simulate", *SMALL, "picture=false", *options)
+        done = in_process(simulate, "simulate", *SHORT, "picture=false", *options)
         assert (done.status, len(done.err.splitlines())) == (2, 1), done.err
         assert message in done.err
     assert (tmp_path / "a.h5").read_bytes() == before
@@ -169,7 +170,7 @@ def test_an_output_never_replaces_an_input_or_a_device(in_process, tmp_path):
 def test_volumes_in_other_units_are_refused(in_process, tmp_path):
     position = np.full((5, 3), 0.5)
     np.savez(tmp_path / "cm.npz", position=position, velocity=np.zeros((5, 3)), volume=np.full(5, 125.0))
-    done = in_process(simulate, "simulate", *SMALL, "picture=false", "scene.particles=cm.npz", "output=x.h5")
+    done = in_process(simulate, "simulate", *SHORT, "picture=false", "scene.particles=cm.npz", "output=x.h5")
     assert done.status == 2
     assert "'volume' sums to 625, more than the domain holds" in done.err
     assert not (tmp_path / "x.h5").exists()

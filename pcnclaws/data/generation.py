@@ -170,6 +170,12 @@ def _description(plan: DataSetPlan) -> dict[str, Any]:
     body = np.concatenate((plan.body.position, plan.body.volume[:, None]), axis=1).astype("<f8")
     settings = {f"simulation.{name}": value for name, value in asdict(plan.settings).items()}
     settings["simulation.gravity"] = list(plan.settings.gravity)
+    # a manifest of particles of the same density is what it was before densities could differ
+    own = (
+        {}
+        if plan.body.density is None
+        else {"density": hashlib.sha256(plan.body.density.astype("<f8").tobytes()).hexdigest()}
+    )
     return {
         "generation": GENERATION,
         "material": plan.material.name,
@@ -183,6 +189,7 @@ def _description(plan: DataSetPlan) -> dict[str, Any]:
         "data.seed": plan.seed,
         "precision": plan.precision,
         "particles": len(body),
+        **own,
         "body": hashlib.sha256(body.tobytes()).hexdigest(),
     }
 

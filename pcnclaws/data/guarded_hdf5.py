@@ -21,6 +21,8 @@ MAXIMUM_ATTRIBUTE_BYTES = 4096
 # Where HDF5 keeps texts: global heap collections, version 1 (HDF5 file format specification, III.E).
 HEAP_SIGNATURE = b"GCOL\x01\x00\x00\x00"
 HEAP_HEADER = 16
+# Attributes of datasets by which HDF5 keeps house: nobody's data.
+HOUSEKEEPING = frozenset({"CLASS", "NAME", "DIMENSION_LIST", "DIMENSION_LABELS", "REFERENCE_LIST", "_FillValue"})
 
 
 @contextmanager
@@ -76,6 +78,9 @@ class GuardedGroup:
 
     def __init__(self, group: h5py.Group, where: str) -> None:
         self._group, self.where = group, where
+        self._asked: set[str] = set()
+        self._below: dict[str, GuardedGroup] = {}
+        self._of_arrays: set[str] = set()
 
     def fault(self, text: str) -> UserError:
         """The error of one line for something wrong in this group."""
@@ -83,9 +88,17 @@ class GuardedGroup:
 
     def names(self) -> list[str]:
         """Names of the members, sorted."""
+        self._asked.update(self._group)
         return sorted(self._group)
 
+    def unread(self) -> list[str]:
+        """Attributes '@name' and members that nobody asked for, sorted, and those of the groups below by their path."""
+        own = {f"@{name}" for name in self._group.attrs} | set(self._group)
+        below = {f"{name}/{left}" for name, group in self._below.items() for left in group.unread()}
+        return sorted((own - self._asked) | self._of_arrays | below)
+
     def __contains__(self, name: str) -> bool:
+        self._asked.add(name)
         return self._group.get(name, getlink=True) is not None
 
     def group(self, name: str, where: str | None = None) -> "GuardedGroup":
@@ -93,7 +106,8 @@ class GuardedGroup:
         member = self._member(name)
         if not isinstance(member, h5py.Group):
             raise self.fault(f"'{name}' is not a group")
-        return GuardedGroup(member, where or self.where)
+        self._below[name] = GuardedGroup(member, where or self.where)
+        return self._below[name]
 
     def array(self, name: str, shape: Sequence[int | None], kinds: str = "f") -> np.ndarray:
         """The dataset of that name in the machine's byte order.
@@ -117,6 +131,7 @@ class GuardedGroup:
             accepted = "whole numbers" if "i" in kinds else "floating-point numbers"
             raise self.fault(f"'{name}' holds {data.dtype}; accepted: {accepted}")
         self._check_storage(name, data)
+        self._of_arrays |= {f"{name}/@{attribute}" for attribute in data.attrs if attribute not in HOUSEKEEPING}
         values = np.asarray(data[()])
         return values.astype(values.dtype.newbyteorder("="), copy=False)
 
@@ -155,9 +170,11 @@ class GuardedGroup:
 
     def has_attribute(self, name: str) -> bool:
         """Whether the group has the attribute of that name."""
+        self._asked.add(f"@{name}")
         return name in self._group.attrs
 
     def _member(self, name: str) -> h5py.Group | h5py.Dataset | h5py.Datatype:
+        self._asked.add(name)
         link = self._group.get(name, getlink=True)
         if link is None:
             raise self.fault(f"'{name}' is missing")

@@ -4,6 +4,7 @@ The reader runs no code from a file and follows no link out of it; whatever is w
 one line that names the file, the scene and the fault. The writer replaces a file whole or not at all.
 """
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,6 +18,8 @@ from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.laws.parameters import PARAMETERS, validate_parameters
 from pcnclaws.mpm.settings import SimulationSettings
 
+log = logging.getLogger(__name__)
+
 __all__ = ["Keyframes", "SceneRecord", "read_scenes", "scene_names", "write_scenes"]
 
 FORMAT = "pcnclaws.trajectories"
@@ -24,6 +27,8 @@ VERSION = 1
 # Bytes of a compressed chunk: small enough to read a few frames, large enough to compress.
 CHUNK_BYTES = 2**19
 LONGEST_TIME = 1e9
+# At most so many names of what a file holds beside a trajectory are listed.
+LISTED = 8
 
 
 def write_scenes(path: str | Path, records: Sequence[SceneRecord]) -> None:
@@ -45,21 +50,25 @@ def write_scenes(path: str | Path, records: Sequence[SceneRecord]) -> None:
 def read_scenes(path: str | Path, names: Sequence[str] | None = None, with_keyframes: bool = True) -> list[SceneRecord]:
     """The scenes of a trajectory file, sorted by name, or those of the given names in their order.
 
+    What the file holds beside them is named in one line.
     raises  UserError, one line, for whatever is wrong with the file
     """
     with one_line_faults(str(path)), _opened(path) as file:
-        scenes = _scenes_of(file, str(path))
+        root = GuardedGroup(file, str(path))
+        scenes = _scenes_of(root)
         known = scenes.names()
         for name in names or ():
             if name not in known:
                 raise unknown_name("scene", name, known)
-        return [_read_scene(scenes, name, str(path), with_keyframes) for name in names or known]
+        records = [_read_scene(scenes, name, str(path), with_keyframes) for name in names or known]
+        _name_unread(root, names or known)
+    return records
 
 
 def scene_names(path: str | Path) -> list[str]:
     """Names of the scenes of a trajectory file, sorted."""
     with one_line_faults(str(path)), _opened(path) as file:
-        return _scenes_of(file, str(path)).names()
+        return _scenes_of(GuardedGroup(file, str(path))).names()
 
 
 def _opened(path: str | Path) -> h5py.File:
@@ -76,8 +85,7 @@ def _opened(path: str | Path) -> h5py.File:
     return h5py.File(path, "r")
 
 
-def _scenes_of(file: h5py.File, path: str) -> GuardedGroup:
-    root = GuardedGroup(file, path)
+def _scenes_of(root: GuardedGroup) -> GuardedGroup:
     found = root.text("format") if root.has_attribute("format") else ""
     if found != FORMAT:
         raise root.fault(f"not a trajectory file (@format='{found}'); accepted: @format='{FORMAT}'")
@@ -87,6 +95,17 @@ def _scenes_of(file: h5py.File, path: str) -> GuardedGroup:
     if not scenes.names():
         raise root.fault("holds no scene")
     return scenes
+
+
+def _name_unread(root: GuardedGroup, scenes: Sequence[str]) -> None:
+    """One line for all attributes and datasets of the file that are not part of a trajectory."""
+    paths = root.unread()
+    for scene in scenes:
+        paths = [path.removeprefix(f"scenes/{scene}/") for path in paths]
+    names = [name if name.isprintable() else ascii(name) for name in dict.fromkeys(paths)]
+    if names:
+        more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+        log.warning("%s: not read: %s%s", root.where, ", ".join(name[:60] for name in names[:LISTED]), more)
 
 
 def _read_scene(scenes: GuardedGroup, name: str, path: str, with_keyframes: bool) -> SceneRecord:
@@ -102,10 +121,11 @@ def _read_scene(scenes: GuardedGroup, name: str, path: str, with_keyframes: bool
         start = _single(group, "initial_velocity", (particles, 3)) if "initial_velocity" in group else None
         velocity = _single(group, "velocity", position.shape) if "velocity" in group else None
         affine = _single(group, "initial_affine", (particles, 3, 3)) if "initial_affine" in group else None
-        _check_values(group, time, position, volume, start, velocity, affine)
-        fields = (time, position, volume, start, velocity, None, path, affine)
+        density = _single(group, "density", (particles,)) if "density" in group else None
+        _check_values(group, time, position, volume, start, velocity, affine, density)
+        fields = (time, position, volume, start, velocity, None, path, affine, density)
         record = SceneRecord(name, group.text("material"), settings, parameters, *fields)
-        keyframes = _keyframes(group, record) if with_keyframes and "keyframes" in group else None
+        keyframes = _keyframes(group, record) if "keyframes" in group and with_keyframes else None
         return SceneRecord(**{**vars(record), "keyframes": keyframes})
 
 
@@ -148,6 +168,7 @@ def _check_values(
     start: np.ndarray | None,
     velocity: np.ndarray | None,
     affine: np.ndarray | None,
+    density: np.ndarray | None,
 ) -> None:
     if not np.all(np.abs(time) < LONGEST_TIME) or np.any(np.diff(time) <= 0.0):
         raise group.fault(f"'time' is not increasing, or not below {LONGEST_TIME:g} s")
@@ -157,6 +178,7 @@ def _check_values(
         ("initial_velocity", start),
         ("velocity", velocity),
         ("initial_affine", affine),
+        ("density", density),
     ):
         if values is not None and not np.isfinite(values).all():
             first = " in the first frame" if name == "position" else ""
@@ -167,8 +189,9 @@ def _check_values(
             "'position' holds numbers that are not finite; accepted: NaN in all three coordinates of a "
             "particle that was not observed"
         )
-    if np.any(volume <= 0.0):
-        raise group.fault("'volume' is not positive everywhere")
+    for name, values in (("volume", volume), ("density", density)):
+        if values is not None and np.any(values <= 0.0):
+            raise group.fault(f"'{name}' is not positive everywhere")
     if volume.sum(dtype=np.float64) > LARGEST_VOLUME:
         raise group.fault(f"'volume' sums to {volume.sum():.3g}, more than the domain holds; accepted: m^3, at most 1")
 
@@ -187,6 +210,13 @@ def _keyframes(scene: GuardedGroup, record: SceneRecord) -> Keyframes | None:
         raise scene.fault("'keyframes/deformation' is not a deformation gradient everywhere (det F <= 0)")
     position, velocity = (_at_keyframes(group, name, step, record) for name in ("position", "velocity"))
     complete = np.isfinite(position).all((1, 2)) & np.isfinite(velocity).all((1, 2))
+    if not complete.all():
+        log.warning(
+            "%s: %d of %d keyframes have no recorded position or velocity and are not used",
+            record.label,
+            np.count_nonzero(~complete),
+            len(step),
+        )
     arrays = (step, position, velocity, affine, deformation)
     return Keyframes(*(array[complete] for array in arrays)) if complete.any() else None
 
@@ -221,7 +251,7 @@ def _write_scene(group: h5py.Group, record: SceneRecord) -> None:
     for name, value in record.parameters.items():
         group.attrs[name] = float(value)
     _write_array(group, "time", record.time.astype(np.float64))
-    for name in ("position", "volume", "initial_velocity", "initial_affine", "velocity"):
+    for name in ("position", "volume", "initial_velocity", "initial_affine", "velocity", "density"):
         values = getattr(record, name)
         if values is not None:
             _write_array(group, name, values.astype(np.float32))

@@ -8,6 +8,8 @@ from pcnclaws.errors import UserError
 
 # Particles that a marker follows: those around it in a lattice.
 FOLLOWED = 8
+# Factor between the extents of markers and body that a choice of markers does not explain.
+SPAN = 5.0
 
 
 def followed_particles(
@@ -30,10 +32,18 @@ def followed_particles(
     if distance[far, 0] > reach:
         raise UserError(
             f"marker '{names[far]}' is {distance[far, 0]:.3g} m from the body; accepted: at most one grid cell, "
-            f"{reach:.3g} m, at the start"
+            f"{reach:.3g} m, at the start{_extents(marker, position)}"
         )
     weight = np.array([_weights(m, position[p], d) for m, p, d in zip(marker, particle, distance, strict=True)])
     return particle.astype(np.int64), weight
+
+
+def _extents(marker: Float[np.ndarray, "markers 3"], position: Float[np.ndarray, "particles 3"]) -> str:
+    """A hint where the markers span far more or far less than the body."""
+    markers, body = (float(np.ptp(points, axis=0).max()) for points in (marker, position))
+    if len(marker) < FOLLOWED or body / SPAN < markers < body * SPAN:
+        return ""
+    return f"; the markers span {markers:.3g} m and the body {body:.3g} m: in another unit?"
 
 
 def surface_particles(position: Float[np.ndarray, "particles 3"]) -> Bool[np.ndarray, " particles"]:

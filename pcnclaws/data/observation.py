@@ -24,6 +24,7 @@ class Observation:
     truth             physical parameters that the file stores, for a look beside the estimate, and for nothing else
     initial_affine    APIC velocity gradient C of the particles [1/s], (particles, 3, 3), None for 0
     spins_have_gradient  whether a spin that is sought starts with its velocity gradient as C, too
+    density           of each particle [kg/m^3], (particles,), None where it is that of the settings
     """
 
     name: str
@@ -39,6 +40,7 @@ class Observation:
     truth: Mapping[str, float]
     initial_affine: Float[np.ndarray, "particles 3 3"] | None = None
     spins_have_gradient: bool = True
+    density: Float[np.ndarray, " particles"] | None = None
 
     @property
     def seen(self) -> Bool[np.ndarray, "frames markers"]:

@@ -4,22 +4,28 @@ time, marker, x, y, z        a CSV file with this header, in seconds and metres;
 """
 
 import csv
+import logging
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from pcnclaws.data.atomic import replaced_file
+from pcnclaws.data.first_motion import name_contradictions
 from pcnclaws.data.hdf5 import read_scenes, scene_names
 from pcnclaws.data.markers import followed_particles
 from pcnclaws.data.observation import Observation
 from pcnclaws.data.placement import require_inside
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.shapes import PointCloud
+from pcnclaws.data.units import check_motion, check_record, length_hint
 from pcnclaws.errors import UserError
 from pcnclaws.mpm.settings import SimulationSettings
+
+log = logging.getLogger(__name__)
 
 COLUMNS = ("time", "marker", "x", "y", "z")
 # Positions beyond the domain by more than this are in other units [m].
@@ -56,19 +62,24 @@ def from_record(
     settings = settings or record.settings
     target = record.position.astype(np.float64)
     _require_metres(target, record.label)
+    _name_empty(record.label, target)
+    check_record(replace(record, settings=settings))
+    if body is None:
+        name_contradictions([record])
     require_inside(record.position[0], record.settings, record.label, slack=0.5 * record.settings.grid_spacing)
     own = np.arange(target.shape[1])[:, None], np.ones((target.shape[1], 1))
     followed = own
     position, volume, affine = target[0], record.volume.astype(np.float64), record.initial_affine
+    density = record.density
     velocity = None if record.initial_velocity is None else record.initial_velocity.astype(np.float64)
     if body is not None:
         names = [str(number) for number in range(target.shape[1])]
         followed = followed_particles(target[0], names, body.position, settings.grid_spacing)
-        position, volume, velocity = body.position, body.volume, None
+        position, volume, velocity, density = body.position, body.volume, None, body.density
     affine = None if velocity is None or affine is None else affine.astype(np.float64)
     time = record.time - record.time[0]
     start = (position, volume, velocity, record.parameters, affine)
-    return Observation(record.name, record.material, settings, time, target, *followed, *start)
+    return Observation(record.name, record.material, settings, time, target, *followed, *start, density=density)
 
 
 def from_table(
@@ -88,9 +99,18 @@ def from_table(
             f"{path}: its first frame is at {time[0]:g} s with {int(placed.sum())} markers; accepted: time 0, the "
             "start, where each marker has its place on the body"
         )
+    if not placed.all():
+        log.warning(
+            "%s: %d of %d markers were not seen at time 0, where each has its place on the body, and are not used",
+            path,
+            np.count_nonzero(~placed),
+            len(placed),
+        )
     names = [name for name, known in zip(names, placed, strict=True) if known]
     require_inside(body.position, settings, "scene")
     followed = followed_particles(first[placed], names, body.position, settings.grid_spacing)
+    _name_empty(str(path), target[:, placed])
+    check_motion(str(path), time, target[:, placed], settings, body.position)
     velocity = body.velocity if velocity_known else None
     return Observation(
         Path(path).stem,
@@ -104,6 +124,7 @@ def from_table(
         velocity,
         {},
         body.affine if velocity_known else None,
+        density=body.density,
     )
 
 
@@ -134,15 +155,29 @@ def _read_table(path: Path) -> tuple[np.ndarray, list[str], Float[np.ndarray, "f
         missing = [name for name in COLUMNS if name not in header]
         if missing:
             raise UserError(f"{path}: the column '{missing[0]}' is missing; accepted: the header {','.join(COLUMNS)}")
+        others = [name[:60] for name in header if name not in COLUMNS]
+        if others:
+            log.warning("%s: not read: the columns %s; read: %s", path, ", ".join(others), ", ".join(COLUMNS))
+        if len(set(header)) < len(header):
+            raise UserError(f"{path}: a column is there twice; accepted: the header {','.join(COLUMNS)}")
         for row in rows:
             values = {str(key).strip(): value for key, value in row.items()}
             time, *position = (_number(values[name], name, path, rows.line_num) for name in COLUMNS if name != "marker")
             if not math.isfinite(time):
                 raise UserError(f"{path}: line {rows.line_num} has no time; accepted: seconds since the start")
-            places[time, str(values["marker"]).strip()] = tuple(position)
+            key = time, str(values["marker"]).strip()
+            if key in places and not np.array_equal(places[key], position, equal_nan=True):
+                raise UserError(
+                    f"{path}: line {rows.line_num}: marker '{key[1][:40]}' has a second position at {time:g} s; "
+                    "accepted: one for each time"
+                )
+            places[key] = tuple(position)
     if not places:
         raise UserError(f"{path}: holds no marker; accepted: lines of {','.join(COLUMNS)}")
     times, names = sorted({time for time, _ in places}), list(dict.fromkeys(name for _, name in places))
+    lacking = [place for place in places.values() if 0 < sum(map(math.isfinite, place)) < len(place)]
+    if lacking:
+        log.warning("%s: %d positions lack a coordinate and are not used", path, len(lacking))
     target = np.full((len(times), len(names), 3), np.nan)
     frame, column = ({key: k for k, key in enumerate(keys)} for keys in (times, names))
     for (time, name), position in places.items():
@@ -169,7 +204,15 @@ def _require_metres(target: Float[np.ndarray, "frames markers 3"], where: str) -
         raise UserError(f"{where}: no position was observed, all are NaN; accepted: at least one")
     if seen.min() < -BEYOND or seen.max() > 1.0 + BEYOND:
         far = seen[np.argmax(np.abs(seen - 0.5))]
-        raise UserError(f"{where}: holds the coordinate {far:.4g}, far beyond the domain of 1 m; metres expected")
+        raise UserError(
+            f"{where}: holds the coordinate {far:.4g}, far beyond the domain of 1 m; metres expected{length_hint(seen)}"
+        )
+
+
+def _name_empty(where: str, target: Float[np.ndarray, "frames markers 3"]) -> None:
+    empty = np.count_nonzero(np.isnan(target).all((1, 2)))
+    if empty:
+        log.warning("%s: %d of %d frames show nothing and are not used", where, empty, len(target))
 
 
 def stored_truth(observation: Observation, names: tuple[str, ...]) -> Mapping[str, float]:

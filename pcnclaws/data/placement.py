@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from pcnclaws.data.units import length_hint
 from pcnclaws.errors import UserError
 from pcnclaws.mpm.settings import SimulationSettings
 
@@ -28,8 +29,9 @@ def require_inside(
     outside = not np.all((position[first] >= 0.0) & (position[first] <= 1.0))
     layer = f"inside the wall layer (wall_distance={settings.wall_distance:g} m)"
     place = "outside the domain [0, 1]^3 m" if outside else layer
+    hint = length_hint(position) if outside else ""
     others = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
     raise UserError(
         f"{what}: particle {first}{others} at ({x:.4g}, {y:.4g}, {z:.4g}) m is {place}; "
-        f"accepted: every coordinate from {limit:.4g} to {1.0 - limit:.4g} m"
+        f"accepted: every coordinate from {limit:.4g} to {1.0 - limit:.4g} m{hint}"
     )

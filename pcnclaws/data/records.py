@@ -47,6 +47,7 @@ class SceneRecord:
     velocity          [m/s], (frames, particles, 3), None when it was not recorded
     source            the file, for error messages
     initial_affine    APIC velocity gradient C at the first frame [1/s], (particles, 3, 3), None for 0
+    density           of each particle [kg/m^3], (particles,), None where it is that of the settings
     """
 
     name: str
@@ -61,6 +62,7 @@ class SceneRecord:
     keyframes: Keyframes | None = None
     source: str = ""
     initial_affine: Float[np.ndarray, "particles 3 3"] | None = None
+    density: Float[np.ndarray, " particles"] | None = None
 
     @property
     def label(self) -> str:

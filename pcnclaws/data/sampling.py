@@ -143,7 +143,16 @@ def _sampled(plan: DataSetPlan, split: str, count: int, seed: tuple[int, ...]) -
 def _start(plan: DataSetPlan, name: str, parameters: dict[str, float], motion: Motion) -> SceneStart:
     position = plan.body.position
     velocity = spin_velocity(position, np.broadcast_to(motion.velocity, position.shape), motion.spin.tolist())
-    return SceneStart(name, plan.material.name, plan.settings, parameters, position, velocity, plan.body.volume)
+    return SceneStart(
+        name,
+        plan.material.name,
+        plan.settings,
+        parameters,
+        position,
+        velocity,
+        plan.body.volume,
+        density=plan.body.density,
+    )
 
 
 def _require_whole(option: str, value: int, lowest: int, highest: int | None = None) -> None:

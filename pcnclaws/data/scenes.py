@@ -38,6 +38,7 @@ class SceneStart:
     volume       initial volume [m^3], (particles,)
     affine       APIC velocity gradient C [1/s], (particles, 3, 3), None for 0
     deformation  elastic deformation gradient F [-], (particles, 3, 3), None for I
+    density      of each particle [kg/m^3], (particles,), None where it is that of the settings
     varying      physical parameters that differ between the particles, by name, each (particles,); what is recorded
                  of the scene does not hold them
     """
@@ -51,7 +52,13 @@ class SceneStart:
     volume: Float[np.ndarray, " particles"]
     affine: Float[np.ndarray, "particles 3 3"] | None = None
     deformation: Float[np.ndarray, "particles 3 3"] | None = None
+    density: Float[np.ndarray, " particles"] | None = None
     varying: Mapping[str, Float[np.ndarray, " particles"]] = field(default_factory=dict)
+
+    @property
+    def lightest(self) -> SimulationSettings:
+        """The settings with the density of the lightest particle, where waves are the fastest."""
+        return lightest_settings(self.settings, self.density)
 
     def of_particles(self) -> dict[str, Float[np.ndarray, " particles"]]:
         """All physical parameters, of each particle, by name."""
@@ -71,6 +78,13 @@ class SceneBatch(NamedTuple):
     def particle_counts(self) -> list[int]:
         """Number of particles of each scene."""
         return torch.bincount(self.scenes.scene_index, minlength=self.scenes.scene_count).tolist()
+
+
+def lightest_settings(
+    settings: SimulationSettings, density: Float[np.ndarray, " particles"] | None
+) -> SimulationSettings:
+    """The settings with the smallest of the densities of the particles [kg/m^3]; as they are for None."""
+    return settings if density is None else replace(settings, density=float(density.min()))
 
 
 Scene = TypeVar("Scene", SceneStart, SceneRecord)
@@ -98,6 +112,7 @@ def start_of(record: SceneRecord) -> SceneStart:
         record.initial_velocity,
         record.volume,
         record.initial_affine,
+        density=record.density,
     )
     keyframes = record.keyframes
     if keyframes is None or keyframes.step[0] != 0:
@@ -133,7 +148,12 @@ def batch_scenes(
     counts = [len(start.position) for start in starts]
     index = np.repeat(np.arange(len(starts)), counts)
     volume = np.concatenate([start.volume for start in starts]).astype(np.float64)
-    density = np.array([start.settings.density for start in starts])[index]
+    density = np.concatenate(
+        [
+            np.full(count, start.settings.density) if start.density is None else start.density.astype(np.float64)
+            for start, count in zip(starts, counts, strict=True)
+        ]
+    )
     state = ParticleState(
         tensor(vectors_first(np.concatenate([start.position for start in starts]))),
         tensor(vectors_first(np.concatenate([start.velocity for start in starts]))),
@@ -248,6 +268,7 @@ def _records(starts: Sequence[SceneStart], batch: SceneBatch, trajectory: Trajec
                 initial_affine=None
                 if start.affine is None or not start.affine.any()
                 else start.affine.astype(np.float32),
+                density=None if start.density is None else start.density.astype(np.float32),
             )
         )
     return records

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from pcnclaws.data.observation import Observation
-from pcnclaws.data.scenes import SceneStart, simulator_of, vectors_first
+from pcnclaws.data.scenes import SceneStart, lightest_settings, simulator_of, vectors_first
 from pcnclaws.estimation.unknowns import TIME_OFFSET, Unknowns
 from pcnclaws.laws.materials import Laws
 from pcnclaws.mpm.state import ParticleState, Scenes
@@ -77,6 +77,7 @@ class EstimationProblem:
         self.simulator = simulator_of(laws, observation.settings, self.skips).to(dtype=dtype)
         self._position = self._tensor(vectors_first(observation.position))
         self._volume = self._tensor(observation.volume)
+        self._density = None if observation.density is None else self._tensor(observation.density)
         self._particle = torch.from_numpy(np.ascontiguousarray(observation.particle))
         self._weight = self._tensor(observation.weight)
         self._seen = torch.from_numpy(observation.seen)[:, None, :].expand(-1, 3, -1)
@@ -163,13 +164,15 @@ class EstimationProblem:
             self._start_velocity(values).T.double().numpy(),
             observation.volume,
             np.moveaxis(self._start_affine(values).double().numpy(), -1, 0),
+            density=observation.density,
             varying={name: one for name, one in parameters.items() if np.ptp(one) > 0.0},
         )
 
     def instability(self, u: Float[np.ndarray, " unknowns"]) -> float:
         """The largest CFL number of a particle over the one that is stable [-]."""
         values = self.unknowns.values(u)
-        parameters, settings = self.unknowns.parameters(values), self.observation.settings
+        parameters, observation = self.unknowns.parameters(values), self.observation
+        settings = lightest_settings(observation.settings, observation.density)
         velocity = self._start_velocity(values).T.double().numpy()
         speed = largest_speed(self.observation.position, velocity, settings.gravity, settings.wall_distance)
         kinds = np.unique(np.stack((parameters["youngs_modulus"], parameters["poissons_ratio"])), axis=1).T
@@ -309,7 +312,8 @@ class EstimationProblem:
         index = torch.arange(copies).repeat_interleave(particles)
         volume = self._volume.repeat(copies)
         gravity = self._tensor(np.tile(np.array(settings.gravity)[:, None], (1, copies)))
-        return Scenes(index, settings.density * volume, volume, gravity)
+        density = settings.density if self._density is None else self._density.repeat(copies)
+        return Scenes(index, density * volume, volume, gravity)
 
     def _tensor(self, values: np.ndarray) -> Tensor:
         return torch.as_tensor(np.ascontiguousarray(values), dtype=self.dtype)

@@ -79,7 +79,7 @@ def _at_keyframe(record: SceneRecord, row: int) -> SceneStart:
     if kept is None:
         raise ValueError("a record without keyframes has no full state")
     fields = (kept.position[row], kept.velocity[row], record.volume, kept.affine[row], kept.deformation[row])
-    return SceneStart(record.name, record.material, record.settings, record.parameters, *fields)
+    return SceneStart(record.name, record.material, record.settings, record.parameters, *fields, record.density)
 
 
 def _fixed_corotated(deformation: Matrices, parameters: Parameters) -> Scalars:

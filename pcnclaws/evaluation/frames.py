@@ -62,7 +62,7 @@ def in_automatic_time_step(record: SceneRecord) -> SceneRecord:
     """
     start, places = start_of(record), _places(record)
     speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
-    step = automatic_time_step(start.settings, start.parameters, speed)
+    step = automatic_time_step(start.lightest, start.parameters, speed)
     if places[-1] > 0.0 and _all_whole(places):
         spacing = math.gcd(*places.astype(np.int64).tolist(), *_keyframe_steps(record)) * record.settings.time_step
         step = spacing / math.ceil(spacing / step)

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from pcnclaws.data.first_motion import name_contradictions
 from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import start_of
+from pcnclaws.data.units import check_record
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import MATERIALS, Material
 from pcnclaws.laws.parameters import validate_parameters
@@ -102,6 +104,8 @@ def _checked(path: Path, material: Material) -> list[SceneRecord]:
         start_of(record)  # refuses what cannot be simulated
         if not np.isfinite(record.position[1:]).any():
             raise UserError(f"{record.label}: no particle is observed after the first frame; accepted: observed motion")
+        check_record(record)
+    name_contradictions(records)
     return [
         replace(
             record,
