@@ -1,5 +1,6 @@
 """The generated data set that a configuration asks for, made where it is missing."""
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,6 +26,8 @@ from pcnclaws.errors import UserError
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.outputs import check_ending
 from pcnclaws.time_step import automatic_time_step, check_time_step, largest_speed, scene_cfl, stable_cfl
+
+log = logging.getLogger(__name__)
 
 
 def plan_from(config: DictConfig) -> DataSetPlan:
@@ -54,6 +57,11 @@ def ready_data_set(config: DictConfig) -> dict[str, list[Path]]:
     """
     check_ending("data.folder", config.data.folder)
     plan = plan_from(config)
+    if plan.body.velocity.any() or plan.body.deformation is not None:
+        log.warning(
+            "scene.particles=%s: its velocities and deformations are not used: a data set draws its motions",
+            config.scene.particles,
+        )
     with _progress() as report:
         return generate_data_set(plan, str(config.data.folder), device_from(config), report, skips_from(config))
 

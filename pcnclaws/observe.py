@@ -27,6 +27,8 @@ def observe(config: DictConfig) -> None:
     chance = np.random.default_rng(whole_number(config, "seed", least=0))
     marker = _chosen(config, record, chance)
     frames = np.arange(0, len(record.time), whole_number(config, "every"))
+    if len(frames) == 1:
+        raise UserError(f"every={config.every} sees the start alone; accepted: 1 to {max(len(record.time) - 1, 1)}")
     position = record.position[frames][:, marker].astype(np.float64)
     position += _share(config, "noise", 1.0) * chance.standard_normal(position.shape)
     unseen = chance.random(position.shape[:2]) < _share(config, "missing", 1.0)

@@ -1,5 +1,6 @@
 """Simulates one scene: python -m pcnclaws.simulate material=sand law=analytic output=x.h5."""
 
+import logging
 from pathlib import Path
 
 from omegaconf import DictConfig
@@ -25,6 +26,8 @@ from pcnclaws.rendering.pictures import picture_path, trajectory_picture
 from pcnclaws.runs import laws_for
 from pcnclaws.time_step import check_time_step, largest_speed, time_step_limit
 
+log = logging.getLogger(__name__)
+
 
 def simulate(config: DictConfig) -> None:
     """Writes the trajectory of the configured scene to `output`, and a picture of it beside it."""
@@ -48,6 +51,10 @@ def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
     if every > steps:
         raise UserError(f"simulation.every={every} keeps no frame; accepted: 1 to simulation.steps={steps}")
     keyframe_every = whole_number(config, "keyframe_every", least=0)
+    if keyframe_every > steps:
+        raise UserError(f"keyframe_every={keyframe_every} keeps the start alone; accepted: 0 to {steps}")
+    if steps % every:
+        log.warning("simulation.every=%d: the last %d of %d steps are in no frame", every, steps % every, steps)
     laws = laws_for(str(config.law), material_from(config), [parameters])
     dtype, device = precision_from(config), device_from(config)
     warn_of_sparse_particles([start])

@@ -251,6 +251,33 @@ def test_what_a_table_cannot_mean_is_refused(text, message, tmp_path):
         table(tmp_path, text)
 
 
+def test_frames_that_nobody_gets_are_named_or_refused(in_process, tmp_path, caplog):
+    small = ("scene.particles_per_edge=3", "picture=false", "output=x.h5", "simulation.steps=7")
+    assert in_process(simulate, "simulate", *small).status == 0
+    assert "simulation.every=5: the last 2 of 7 steps are in no frame" in caplog.messages
+    for task, entry, options, message in (
+        (
+            simulate,
+            "simulate",
+            (*small, "keyframe_every=8"),
+            "keyframe_every=8 keeps the start alone; accepted: 0 to 7",
+        ),
+        (observe, "observe", ("file=x.h5", "every=2"), "every=2 sees the start alone; accepted: 1 to 1"),
+    ):
+        done = in_process(task, entry, *options)
+        assert done.status == 2
+        assert message in done.err
+
+
+def test_a_data_set_says_that_it_draws_its_motions(in_process, tmp_path, caplog):
+    points(tmp_path / "p.npz")
+    plan = ("simulation.steps=20", "data.train_scenes=1", "data.validation_scenes=1", "scene.particles=p.npz")
+    assert in_process(generate, "generate", *plan, "material=elasticity", "output=d").status == 0
+    assert any(
+        "scene.particles=p.npz: its velocities and deformations are not used" in line for line in caplog.messages
+    )
+
+
 def test_a_known_velocity_goes_before_that_of_the_file(tmp_path):
     record = recorded(high(), steps=10)[0]
     write_scenes(tmp_path / "x.h5", [record])
