@@ -28,7 +28,6 @@ def output_file(config: DictConfig, *endings: str) -> Path:
         raise UserError(f"output={path} is a folder; accepted: the path of a file")
     if path.exists() and not path.is_file():
         raise UserError(f"output={path} is not a regular file; accepted: the path of a file")
-    check_ending("output", path, *endings)
     for option in ("trajectories", "scene.particles", "scene.mesh", "observation.file", "file"):
         source = OmegaConf.select(config, option)
         if source is not None and path.resolve() == Path(str(source)).resolve():
@@ -36,6 +35,7 @@ def output_file(config: DictConfig, *endings: str) -> Path:
     existing = next(parent for parent in path.absolute().parents if parent.exists())
     if not existing.is_dir():
         raise UserError(f"output={path} cannot be written: {existing} is not a folder; accepted: the path of a file")
+    check_ending("output", path, *endings)
     return path
 
 
