@@ -13,7 +13,7 @@ from pcnclaws import launcher
 from pcnclaws.configuration import whole_number
 from pcnclaws.data.hdf5 import read_scenes, scene_names
 from pcnclaws.data.markers import surface_particles
-from pcnclaws.data.observation_files import write_table
+from pcnclaws.data.observation_files import DOUBLE_DIGITS, SINGLE_DIGITS, write_table
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import UserError
 from pcnclaws.outputs import TABLE, output_file
@@ -37,7 +37,8 @@ def observe(config: DictConfig) -> None:
     time = record.time[frames] - record.time[0]
     names = [f"p{particle}" for particle in marker.tolist()]
     picture = _picture(record, time, position, marker, output) if config.picture else None
-    write_table(output, time, names, position)
+    digits = DOUBLE_DIGITS if record.position.dtype == np.float64 else SINGLE_DIGITS
+    write_table(output, time, names, position, digits)
     print(
         f"wrote {output}: {len(marker)} markers in {len(frames)} frames of '{record.name}', {unseen.mean():.0%} unseen"
     )
@@ -88,7 +89,7 @@ def _picture(
         record.settings,
         record.parameters,
         time,
-        position.astype(np.float32),
+        position,
         record.volume[marker],
     )
     return trajectory_picture(seen, picture_path(output))

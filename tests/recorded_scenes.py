@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import torch
 
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.scenes import SceneStart, simulate_records
@@ -35,10 +36,12 @@ def small_cube(
     )
 
 
-def recorded(*starts: SceneStart, steps: int = 30, every: int = 5, keyframe_every: int = 10) -> list[SceneRecord]:
+def recorded(
+    *starts: SceneStart, steps: int = 30, every: int = 5, keyframe_every: int = 10, dtype: torch.dtype = torch.float32
+) -> list[SceneRecord]:
     """The true motion of the scenes."""
     laws = analytic_laws(MATERIALS[starts[0].material])
-    return simulate_records(starts, laws, steps, every, keyframe_every)
+    return simulate_records(starts, laws, steps, every, keyframe_every, dtype)
 
 
 class SofterHencky(StVKHencky):

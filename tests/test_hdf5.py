@@ -62,7 +62,7 @@ def test_a_users_sparse_file_is_read(tmp_path: Path) -> None:
     assert record.settings.grid_nodes == 20
     assert not record.parameters
     assert np.isnan(record.position[1, 2]).all()
-    assert record.position.dtype == np.float32
+    assert record.position.dtype == np.float64, "as it is stored"
     assert (record.velocity, record.initial_velocity, record.keyframes) == (None, None, None)
     np.testing.assert_array_equal(record.frame_steps(), [0, 20, 40])
 

@@ -41,7 +41,7 @@ def test_a_batch_holds_each_scene_and_gives_it_back() -> None:
     assert batch.scenes.gravity.T.tolist() == [[0.0, -9.8, 0.0], [0.0, 0.0, 1.0]]
     np.testing.assert_allclose(batch.scenes.mass[64:], 500.0 * starts[1].volume)
     for start, position in zip(starts, split_vectors(batch.state.position[None], batch.particle_counts), strict=True):
-        np.testing.assert_array_equal(position[0], start.position.astype(np.float32))
+        np.testing.assert_array_equal(position[0], start.position)
     joined = join_positions([start.position[None] for start in starts], torch.float64)
     torch.testing.assert_close(joined[0], batch.state.position, rtol=0.0, atol=0.0)
 

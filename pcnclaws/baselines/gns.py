@@ -61,7 +61,9 @@ class GraphNetworkSimulator(MotionModel):
                     frames[k].append(histories[k][-1])
                 if progress:
                     progress(every)
-        return [_record(start, torch.stack(of_scene), every) for start, of_scene in zip(starts, frames, strict=True)]
+        dtype = next(self.parameters()).dtype
+        motions = [torch.stack(of_scene).to(dtype) for of_scene in frames]
+        return [_record(start, motion, every) for start, motion in zip(starts, motions, strict=True)]
 
     def windows(self, records: Sequence[SceneRecord], count: int, batch: int, noise: float, seed: int) -> Dataset[Any]:
         times = np.concatenate([np.diff(record.time) for record in records])
@@ -130,10 +132,11 @@ def gns(material: Material, fields: Mapping[str, object]) -> GraphNetworkSimulat
 
 
 def _record(start: SceneStart, frames: Tensor, every: int) -> SceneRecord:
-    position = frames.cpu().numpy().astype(np.float32)
+    position = frames.cpu().numpy()
     time = start.settings.time_step * every * np.arange(len(position))
     fields = (start.name, start.material, start.settings, start.parameters)
-    return SceneRecord(*fields, time, position, start.volume.astype(np.float32), start.velocity.astype(np.float32))
+    bodies = (start.volume.astype(position.dtype), start.velocity.astype(position.dtype))
+    return SceneRecord(*fields, time, position, *bodies)
 
 
 def _root_mean_square(values: np.ndarray) -> float:

@@ -129,9 +129,10 @@ def _is_made(plan: DataSetPlan, path: Path, start: SceneStart) -> bool:
         == (start.name, start.material, start.settings, dict(start.parameters))
         and steps.tolist() == list(range(0, plan.steps + 1, plan.every))
         and keyframe_steps == list(range(0, plan.steps + 1, plan.keyframe_every))
-        and np.array_equal(record.position[0], start.position.astype(np.float32))
+        and record.position.dtype == plan.precision
+        and np.array_equal(record.position[0], start.position.astype(plan.precision))
         and record.initial_velocity is not None
-        and np.array_equal(record.initial_velocity, start.velocity.astype(np.float32))
+        and np.array_equal(record.initial_velocity, start.velocity.astype(plan.precision))
     )
 
 

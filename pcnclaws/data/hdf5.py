@@ -115,13 +115,13 @@ def _read_scene(scenes: GuardedGroup, name: str, path: str, with_keyframes: bool
         _checked_name(name)
         settings, parameters = _settings(group), _parameters(group)
         time = group.array("time", (None,)).astype(np.float64)
-        position = _single(group, "position", (len(time), None, 3))
+        position = _numbers(group, "position", (len(time), None, 3))
         particles = position.shape[1]
-        volume = _single(group, "volume", (particles,))
-        start = _single(group, "initial_velocity", (particles, 3)) if "initial_velocity" in group else None
-        velocity = _single(group, "velocity", position.shape) if "velocity" in group else None
-        affine = _single(group, "initial_affine", (particles, 3, 3)) if "initial_affine" in group else None
-        density = _single(group, "density", (particles,)) if "density" in group else None
+        volume = _numbers(group, "volume", (particles,))
+        start = _numbers(group, "initial_velocity", (particles, 3)) if "initial_velocity" in group else None
+        velocity = _numbers(group, "velocity", position.shape) if "velocity" in group else None
+        affine = _numbers(group, "initial_affine", (particles, 3, 3)) if "initial_affine" in group else None
+        density = _numbers(group, "density", (particles,)) if "density" in group else None
         _check_values(group, time, position, volume, start, velocity, affine, density)
         fields = (time, position, volume, start, velocity, None, path, affine, density)
         record = SceneRecord(name, group.text("material"), settings, parameters, *fields)
@@ -154,10 +154,15 @@ def _parameters(group: GuardedGroup) -> dict[str, float]:
     return parameters
 
 
-def _single(group: GuardedGroup, name: str, shape: Sequence[int | None]) -> np.ndarray:
-    """A dataset in single precision; a number too large for it becomes infinite and is refused by the checks."""
+def _numbers(group: GuardedGroup, name: str, shape: Sequence[int | None]) -> np.ndarray:
+    """A dataset in the precision of the file: double where it is, else single.
+
+    A number too large for single precision becomes infinite and is refused by the checks: it may be run in it.
+    """
+    values = group.array(name, shape)
     with np.errstate(over="ignore", under="ignore"):
-        return group.array(name, shape).astype(np.float32)
+        single = values.astype(np.float32)
+    return np.where(np.isinf(single), single, values) if values.dtype == np.float64 else single
 
 
 def _check_values(
@@ -190,7 +195,7 @@ def _check_values(
             "particle that was not observed"
         )
     for name, values in (("volume", volume), ("density", density)):
-        if values is not None and np.any(values <= 0.0):
+        if values is not None and np.any(values.astype(np.float32) <= 0.0):
             raise group.fault(f"'{name}' is not positive everywhere")
     if volume.sum(dtype=np.float64) > LARGEST_VOLUME:
         raise group.fault(f"'volume' sums to {volume.sum():.3g}, more than the domain holds; accepted: m^3, at most 1")
@@ -201,7 +206,7 @@ def _keyframes(scene: GuardedGroup, record: SceneRecord) -> Keyframes | None:
     group = scene.group("keyframes")
     step = group.array("step", (None,), "iu").astype(np.int64)
     particles = record.position.shape[1]
-    affine, deformation = (_single(group, name, (len(step), particles, 3, 3)) for name in ("affine", "deformation"))
+    affine, deformation = (_numbers(group, name, (len(step), particles, 3, 3)) for name in ("affine", "deformation"))
     if step[0] < 0 or np.any(np.diff(step) < 1):
         raise scene.fault("'keyframes/step' is not increasing from 0")
     if not np.isfinite(affine).all() or not np.isfinite(deformation).all():
@@ -225,8 +230,8 @@ def _at_keyframes(group: GuardedGroup, name: str, step: np.ndarray, record: Scen
     """Position or velocity at the keyframes, from the group itself or from the frames; NaN where there is none."""
     shape = (len(step), record.position.shape[1], 3)
     if name in group:
-        return _single(group, name, shape)
-    values = np.full(shape, np.nan, np.float32)
+        return _numbers(group, name, shape)
+    values = np.full(shape, np.nan, record.position.dtype)
     if name == "velocity" and record.initial_velocity is not None:
         values[step == 0] = record.initial_velocity
     frames = record.position if name == "position" else record.velocity
@@ -254,11 +259,16 @@ def _write_scene(group: h5py.Group, record: SceneRecord) -> None:
     for name in ("position", "volume", "initial_velocity", "initial_affine", "velocity", "density"):
         values = getattr(record, name)
         if values is not None:
-            _write_array(group, name, values.astype(np.float32))
+            _write_array(group, name, _as_recorded(values))
     if record.keyframes is not None:
         keyframes = group.create_group("keyframes")
         for name, values in vars(record.keyframes).items():
-            _write_array(keyframes, name, values if name == "step" else values.astype(np.float32))
+            _write_array(keyframes, name, values if name == "step" else _as_recorded(values))
+
+
+def _as_recorded(values: np.ndarray) -> np.ndarray:
+    """Double precision stays; everything else is single."""
+    return values if values.dtype == np.float64 else values.astype(np.float32)
 
 
 def _write_array(group: h5py.Group, name: str, values: np.ndarray) -> None:

@@ -28,6 +28,8 @@ from pcnclaws.mpm.settings import SimulationSettings
 log = logging.getLogger(__name__)
 
 COLUMNS = ("time", "marker", "x", "y", "z")
+# Significant digits of coordinates in single and in double precision, and of times at least.
+SINGLE_DIGITS, DOUBLE_DIGITS, TIME_DIGITS = 7, 16, 9
 # Positions beyond the domain by more than this are in other units [m].
 BEYOND = 0.5
 # Frames this near to the start are at the start [s].
@@ -133,15 +135,20 @@ def write_table(
     time: Float[np.ndarray, " frames"],
     names: Sequence[str],
     position: Float[np.ndarray, "frames markers 3"],
+    digits: int = SINGLE_DIGITS,
 ) -> None:
-    """Writes markers as a CSV file that from_table reads; NaN where one was not seen."""
+    """Writes markers as a CSV file that from_table reads; NaN where one was not seen.
+
+    digits  of the coordinates
+    """
+    time_digits = max(digits, TIME_DIGITS)
     with replaced_file(path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(COLUMNS)
         for t, frame in zip(time.tolist(), position.tolist(), strict=True):
             for name, coordinates in zip(names, frame, strict=True):
-                cells = ("" if math.isnan(x) else f"{x:.7g}" for x in coordinates)
-                rows.writerow((f"{t:.9g}", name, *cells))
+                cells = ("" if math.isnan(x) else f"{x:.{digits}g}" for x in coordinates)
+                rows.writerow((f"{t:.{time_digits}g}", name, *cells))
 
 
 def _read_table(path: Path) -> tuple[np.ndarray, list[str], Float[np.ndarray, "frames markers 3"]]:

@@ -38,6 +38,7 @@ class Keyframes:
 class SceneRecord:
     """A recorded trajectory with the settings and the parameters that it belongs to.
 
+    Arrays are of the precision of the simulation, or of the file: single or double.
     material          name of the material; need not be one of ours
     parameters        physical parameters by name, as far as they are known
     time              [s], (frames,), increasing; frames may be sparser than steps

@@ -46,7 +46,7 @@ class DataSetPlan:
     steps           length of each trajectory
     every           steps between frames
     keyframe_every  steps between full states, a multiple of `every`
-    precision       'float32' or 'float64', of the simulation; files are float32
+    precision       'float32' or 'float64', of the simulation and of the files
     raises          UserError for a plan that cannot be made
     """
 

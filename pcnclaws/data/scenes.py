@@ -183,6 +183,7 @@ def simulate_records(
 
     every           steps between frames
     keyframe_every  steps between keyframes, 0 for none
+    dtype           of the simulation and of the records
     progress        called with the number of steps just done, of steps x len(group_by_settings(starts)) in all
     skips           what is left out, everything that can be by default
     velocities      record the velocities at the frames, too
@@ -216,17 +217,17 @@ def vectors_first(vectors: np.ndarray) -> np.ndarray:
 
 
 def split_vectors(vectors: Float[Tensor, "frames 3 particles"], counts: Sequence[int]) -> list[np.ndarray]:
-    """A field of a batch by scenes, each (frames, particles, 3), single precision.
+    """A field of a batch by scenes, each (frames, particles, 3), in the precision of the field.
 
     counts  SceneBatch.particle_counts
     """
-    parts = vectors.detach().to("cpu", torch.float32).split(list(counts), dim=-1)
+    parts = vectors.detach().cpu().split(list(counts), dim=-1)
     return [np.ascontiguousarray(np.swapaxes(part.numpy(), -1, -2)) for part in parts]
 
 
 def split_matrices(matrices: Float[Tensor, "frames 3 3 particles"], counts: Sequence[int]) -> list[np.ndarray]:
-    """A field of a batch by scenes, each (frames, particles, 3, 3), single precision."""
-    parts = matrices.detach().to("cpu", torch.float32).split(list(counts), dim=-1)
+    """A field of a batch by scenes, each (frames, particles, 3, 3), in the precision of the field."""
+    parts = matrices.detach().cpu().split(list(counts), dim=-1)
     return [np.ascontiguousarray(np.moveaxis(part.numpy(), -1, -3)) for part in parts]
 
 
@@ -261,8 +262,8 @@ def _records(starts: Sequence[SceneStart], batch: SceneBatch, trajectory: Trajec
                 parameters,
                 step * start.settings.time_step,
                 position,
-                start.volume.astype(np.float32),
-                start.velocity.astype(np.float32),
+                start.volume.astype(position.dtype),
+                start.velocity.astype(position.dtype),
                 velocity if len(velocity) else None,
                 Keyframes(keyframe_step, position[at], *full_states) if len(at) else None,
                 initial_affine=None

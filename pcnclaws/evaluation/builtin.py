@@ -76,13 +76,14 @@ def true_records(
     device: str | torch.device = "cpu",
     progress: Callable[[int], None] | None = None,
     skips: Skips | None = None,
+    dtype: torch.dtype = torch.float32,
 ) -> list[SceneRecord | DivergedScene]:
-    """The scenes' true motion, by the analytic laws in single precision, as the standard data set records it.
+    """The scenes' true motion, by the analytic laws, as the standard data set records it in single precision.
 
     progress  called with the work just done, steps or scenes, of `task.work` in all
     raises    SimulationDiverged where the task does not take that for a result
     """
-    recorded = (analytic_laws(material), task.steps, task.every, task.keyframe_every, torch.float32, device)
+    recorded = (analytic_laws(material), task.steps, task.every, task.keyframe_every, dtype, device)
     if task.may_diverge:
         return survivors(task.starts, lambda starts: simulate_records(starts, *recorded, None, skips), progress)
     return [*simulate_records(task.starts, *recorded, progress, skips)]

@@ -37,10 +37,10 @@ def at_frames_of(record: SceneRecord, run: SceneRecord, every: int) -> SceneReco
     place = _places(record) / every
     below = np.floor(place).astype(np.int64)
     above = np.minimum(below + 1, len(run.position) - 1)
-    share = (place - below).astype(np.float32)[:, None, None]
     position = run.position
+    share = (place - below).astype(position.dtype)[:, None, None]
     at_frames = np.where(share > 0.0, (1.0 - share) * position[below] + share * position[above], position[below])
-    return replace(record, position=at_frames.astype(np.float32), velocity=None, keyframes=run.keyframes)
+    return replace(record, position=at_frames, velocity=None, keyframes=run.keyframes)
 
 
 def in_time_step(record: SceneRecord, time_step: float) -> SceneRecord:

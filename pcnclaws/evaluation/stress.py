@@ -1,5 +1,6 @@
 """The stress error of a law at the recorded states of a scene."""
 
+import copy
 import math
 
 import numpy as np
@@ -7,6 +8,7 @@ import torch
 from jaxtyping import Float
 
 from pcnclaws.data.records import SceneRecord
+from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.materials import Laws
 from pcnclaws.metrics import relative_stress_error
 
@@ -14,12 +16,13 @@ from pcnclaws.metrics import relative_stress_error
 REACH = 1.5
 
 
-def stress_error(record: SceneRecord, laws: Laws, analytic: Laws) -> float | None:
+def stress_error(record: SceneRecord, laws: Laws, analytic: Laws, dtype: torch.dtype = torch.float32) -> float | None:
     """Relative error [-] of the Kirchhoff stress of `laws` at the recorded keyframes after contact.
 
     Both laws see the recorded elastic deformation gradients, so the error is that of the elasticity alone, free
     of what the motion accumulates. It is sum |tau - tau_true| / sum |tau_true| over the particles of all keyframes
     from the first one on at which a particle feels a wall node: before it there is little stress to compare.
+    dtype    of the stresses
     returns  None when the record has no keyframes after contact, or no stress at them
     """
     deformation = _states_after_contact(record)
@@ -27,7 +30,8 @@ def stress_error(record: SceneRecord, laws: Laws, analytic: Laws) -> float | Non
         return None
     # one keyframe at a time: a neural law needs far more memory than the states themselves
     stress, true_stress = (
-        np.concatenate([_stress(state, record, law) for state in deformation]) for law in (laws, analytic)
+        np.concatenate([_stress(state, record, elasticity, dtype) for state in deformation])
+        for elasticity in (copy.deepcopy(some.elasticity).to(dtype) for some in (laws, analytic))
     )
     error = relative_stress_error(stress, true_stress)
     return None if math.isnan(error) else error
@@ -45,9 +49,11 @@ def _states_after_contact(record: SceneRecord) -> Float[np.ndarray, "keyframes p
 
 
 @torch.no_grad()
-def _stress(deformation: np.ndarray, record: SceneRecord, laws: Laws) -> Float[np.ndarray, "particles 3 3"]:
-    """Kirchhoff stress [Pa], (particles, 3, 3), in the precision of the law's weights (float32 without any)."""
-    like = next(laws.elasticity.parameters(), torch.zeros(()))
-    states = torch.tensor(np.moveaxis(deformation, 0, -1).copy(), dtype=like.dtype, device=like.device)
+def _stress(
+    deformation: np.ndarray, record: SceneRecord, elasticity: Elasticity, dtype: torch.dtype
+) -> Float[np.ndarray, "particles 3 3"]:
+    """Kirchhoff stress [Pa], (particles, 3, 3); the weights of the law, where it has any, are of the same type."""
+    device = next(elasticity.parameters(), torch.zeros(())).device
+    states = torch.tensor(np.moveaxis(deformation, 0, -1).copy(), dtype=dtype, device=device)
     parameters = {name: states.new_full((states.shape[2],), value) for name, value in record.parameters.items()}
-    return np.moveaxis(laws.elasticity.kirchhoff_stress(states, parameters).cpu().numpy(), -1, 0)
+    return np.moveaxis(elasticity.kirchhoff_stress(states, parameters).cpu().numpy(), -1, 0)

@@ -90,7 +90,7 @@ def evaluate_records(
         for index, run in zip(members, runs, strict=True):
             predicted[index], seconds[index] = at_frames_of(records[index], run, plan.every), share
     analytic = analytic_laws(material)
-    return [_compared(record, predicted[k], seconds[k], model, analytic) for k, record in enumerate(records)]
+    return [_compared(record, predicted[k], seconds[k], model, analytic, dtype) for k, record in enumerate(records)]
 
 
 def steps_to_run(records: Sequence[SceneRecord]) -> int:
@@ -128,7 +128,9 @@ def _start(record: SceneRecord, material: Material) -> SceneStart:
     return replace(start, parameters={name: start.parameters[name] for name in material.parameter_names})
 
 
-def _compared(true: SceneRecord, predicted: SceneRecord, seconds: float, model: Model, analytic: Laws) -> SceneResult:
+def _compared(
+    true: SceneRecord, predicted: SceneRecord, seconds: float, model: Model, analytic: Laws, dtype: torch.dtype
+) -> SceneResult:
     mse = position_mse(predicted.position, true.position)
     summed = mse_sum(mse)
     return SceneResult(
@@ -138,7 +140,7 @@ def _compared(true: SceneRecord, predicted: SceneRecord, seconds: float, model: 
         summed,
         rms_percent(summed, true.volume),
         position_mse_by_frame(predicted.position, true.position),
-        stress_error(true, model, analytic) if isinstance(model, Laws) else None,
+        stress_error(true, model, analytic, dtype) if isinstance(model, Laws) else None,
         energy_error(true, predicted, analytic.elasticity),
         seconds,
     )
