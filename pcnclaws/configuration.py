@@ -43,7 +43,7 @@ def parameters_from(config: DictConfig, material: Material) -> dict[str, float]:
 
 
 def settings_from(config: DictConfig, automatic: float | None = None) -> SimulationSettings:
-    """The settings of `simulation.*`.
+    """The settings of `simulation.*`, whose walls hold.
 
     automatic  the time step [s] that simulation.time_step=auto stands for, None where it is not accepted
     """
@@ -52,7 +52,7 @@ def settings_from(config: DictConfig, automatic: float | None = None) -> Simulat
     if time_step is None:
         raise UserError("simulation.time_step=auto is not accepted here; accepted: a positive finite number [s]")
     gravity = [float(component) for component in simulation.gravity]
-    return SimulationSettings(
+    settings = SimulationSettings(
         time_step=float(time_step),
         grid_nodes=simulation.grid_nodes,
         wall_distance=float(simulation.wall_distance),
@@ -60,6 +60,8 @@ def settings_from(config: DictConfig, automatic: float | None = None) -> Simulat
         boundary=simulation.boundary,
         density=float(simulation.density),
     )
+    settings.require_walls_that_hold()
+    return settings
 
 
 def skips_from(config: DictConfig) -> Skips:
@@ -257,7 +259,11 @@ def _observed_settings(config: DictConfig, own: SimulationSettings) -> Simulatio
     given = {name: config.simulation[name] for name in names if config.simulation[name] is not None}
     if "gravity" in given:
         given["gravity"] = tuple(float(component) for component in given["gravity"])
-    return replace(own, **given)
+    settings = replace(own, **given)
+    # those of a file may be thinner, as long as the motion lets them
+    if own.walls_hold or "wall_distance" in given:
+        settings.require_walls_that_hold()
+    return settings
 
 
 def _window(config: DictConfig) -> tuple[float, float]:

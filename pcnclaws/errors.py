@@ -12,6 +12,10 @@ class SimulationDiverged(RuntimeError):
     """A run produced a state that is not physical. The message names scene, step and particle. Exit status 1."""
 
 
+class ParticleEscaped(SimulationDiverged):
+    """A particle left the domain."""
+
+
 def unknown_name(option: str, name: object, known: Iterable[str]) -> UserError:
     """The error for a name that is not in a table, with the nearest known name when one is close."""
     choices = sorted(known)

@@ -17,7 +17,7 @@ from pcnclaws.data.first_motion import name_contradictions
 from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.data.motion import Model
 from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import start_of
+from pcnclaws.data.scenes import SceneStart, start_of
 from pcnclaws.data.units import check_record
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.evaluation.builtin import builtin_task, paper_errors, true_records
@@ -32,7 +32,7 @@ from pcnclaws.laws.materials import Material
 from pcnclaws.outputs import RESULT, output_file
 from pcnclaws.progress import progress_bar
 from pcnclaws.runs import model_for
-from pcnclaws.time_step import largest_speed, scene_cfl, stable_cfl, time_step_limit
+from pcnclaws.time_step import divergence_advice, largest_speed, scene_cfl, stable_cfl, time_step_limit
 
 FLOOR_WORDS = {"float64": "analytic law in double precision", "half_step": "and with half the time step"}
 # Width of the table where the output is not a terminal.
@@ -83,7 +83,7 @@ def _on_task(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str
     laws = model_for(str(config.law), material, [] if task.may_diverge else [start.parameters for start in task.starts])
     device, skips = device_from(config), skips_from(config)
     with progress_bar("simulating the truth", task.work) as advance:
-        truth = true_records(task, material, device, advance, skips)
+        truth = true_records(task, material, device, advance, skips, precision_from(config))
     records = [scene for scene in truth if isinstance(scene, SceneRecord)]
     outcomes = [scene for scene in truth if isinstance(scene, DivergedScene)]
     if records:
@@ -107,7 +107,8 @@ def _simulated(config: DictConfig, records: list[SceneRecord], laws: Model, may_
             return evaluate_records(records, *options, advance, skips)
     except SimulationDiverged as error:
         failed = next((record for record in records if f"scene '{record.name}'" in str(error)), records[0])
-        advice = f"time_step={failed.settings.time_step:g}, stable: {_limit(failed)}"
+        start, speed = _start_and_speed(failed)
+        advice = divergence_advice(error, start.settings, start.parameters, speed, start.material)
         raise SimulationDiverged(f"{error}; {advice}") from error
 
 
@@ -155,19 +156,18 @@ def _in_time_step(config: DictConfig, records: list[SceneRecord]) -> list[SceneR
 
 def _require_stable(record: SceneRecord) -> None:
     """Refuses a record that says too little for a simulation, or whose time step no simulation survives."""
-    start = start_of(record)
-    speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
+    start, speed = _start_and_speed(record)
     stable = stable_cfl(start.material, start.parameters["poissons_ratio"])
     if scene_cfl(start.lightest, start.parameters, speed) > stable:
-        raise UserError(
-            f"{record.label}: time_step={start.settings.time_step:g} is unstable; accepted: {_limit(record)}"
-        )
+        limit = time_step_limit(start.lightest, start.parameters, speed, start.material)
+        raise UserError(f"{record.label}: time_step={start.settings.time_step:g} is unstable; accepted: {limit}")
 
 
-def _limit(record: SceneRecord) -> str:
+def _start_and_speed(record: SceneRecord) -> tuple[SceneStart, float]:
+    """The start of a record, and the largest speed before contact [m/s]."""
     start = start_of(record)
     speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
-    return time_step_limit(start.lightest, start.parameters, speed, start.material)
+    return start, speed
 
 
 def _print_table(config: DictConfig, outcomes: Outcomes, material: Material) -> None:

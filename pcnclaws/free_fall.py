@@ -14,8 +14,7 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from pcnclaws.linalg3 import identity_like
-from pcnclaws.mpm.boundaries import DISTANCE_TOLERANCE
-from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.mpm.settings import DISTANCE_TOLERANCE, SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulator import Simulator
 from pcnclaws.stress_free import is_stress_free_at_rest

@@ -16,9 +16,9 @@ from torch import Tensor
 from pcnclaws.active_scenes import ActiveScenes
 from pcnclaws.at_rest import RestWatch
 from pcnclaws.cuda_graphs import advanced, differentiable_steps, records_steps
-from pcnclaws.errors import SimulationDiverged
+from pcnclaws.errors import ParticleEscaped, SimulationDiverged
 from pcnclaws.free_fall import free_steps
-from pcnclaws.mpm.diagnostics import failing_particles, why_failing
+from pcnclaws.mpm.diagnostics import failing_particles, left_domain, why_failing
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.recompute import recomputed_step
 from pcnclaws.recording import FramePlan, Recording, Trajectory
@@ -247,7 +247,8 @@ def _require_physical(run: ActiveScenes, failed: ParticleMask, count: int, repor
     number = run.group.numbers[scene]
     name = report.scene_names[number] if report.scene_names else str(number)
     ending = f"; {report.advice}" if report.advice else ""
-    raise SimulationDiverged(f"scene '{name}' diverged at step {n}: particle {within}: {why}{ending}")
+    kind = ParticleEscaped if again and left_domain(state, particle) else SimulationDiverged
+    raise kind(f"scene '{name}' diverged at step {n}: particle {within}: {why}{ending}")
 
 
 def _free_steps(

@@ -24,7 +24,7 @@ from pcnclaws.outputs import TRAJECTORY, output_file
 from pcnclaws.progress import progress_bar
 from pcnclaws.rendering.pictures import picture_path, trajectory_picture
 from pcnclaws.runs import laws_for
-from pcnclaws.time_step import check_time_step, largest_speed, time_step_limit
+from pcnclaws.time_step import check_time_step, divergence_advice, largest_speed
 
 log = logging.getLogger(__name__)
 
@@ -65,10 +65,8 @@ def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
                 [start], laws, steps, every, keyframe_every, dtype, device, advance, skips, velocities=True
             )[0]
         except SimulationDiverged as error:
-            limit = time_step_limit(settings, parameters, speed, start.material)
-            raise SimulationDiverged(
-                f"{error}; simulation.time_step={settings.time_step:g}, stable: {limit}"
-            ) from error
+            advice = divergence_advice(error, settings, parameters, speed, start.material)
+            raise SimulationDiverged(f"{error}; {advice}") from error
 
 
 def _summary(record: SceneRecord, per_cell: float, output: Path) -> str:

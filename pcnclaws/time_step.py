@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from pcnclaws.errors import UserError
+from pcnclaws.errors import ParticleEscaped, SimulationDiverged, UserError
 from pcnclaws.laws.parameters import compression_wave_speed
 from pcnclaws.mpm.diagnostics import cfl_number, fall_speed
 from pcnclaws.mpm.settings import SimulationSettings
@@ -51,9 +51,7 @@ def scene_cfl(settings: SimulationSettings, parameters: Mapping[str, float], spe
 
 def automatic_time_step(settings: SimulationSettings, parameters: Mapping[str, float], speed: float) -> float:
     """The time step [s] of CFL number 0.4, rounded down to three digits."""
-    step = settings.time_step * COMFORTABLE_CFL / scene_cfl(settings, parameters, speed)
-    unit = 10.0 ** (math.floor(math.log10(step)) - 2)
-    return float(f"{math.floor(step / unit) * unit:.3g}")
+    return _rounded_down(settings.time_step * COMFORTABLE_CFL / scene_cfl(settings, parameters, speed))
 
 
 def stable_cfl(material: str, poissons_ratio: float) -> float:
@@ -91,12 +89,37 @@ def time_step_limit(settings: SimulationSettings, parameters: Mapping[str, float
     """In words: the largest time step of this scene, and the stiffest material of this time step."""
     stable = stable_cfl(material, parameters["poissons_ratio"])
     wave = _wave_speed(settings, parameters)
-    largest = stable * settings.grid_spacing / (wave + speed)
+    largest = _rounded_down(stable * settings.grid_spacing / (wave + speed))
     # E grows with the square of the wave speed
     room = stable * settings.grid_spacing / settings.time_step - speed
-    stiffest = parameters["youngs_modulus"] * (max(room, 0.0) / wave) ** 2
     accepted = f"at most {largest:.3g} s for youngs_modulus={parameters['youngs_modulus']:g} at {speed:.3g} m/s"
-    return accepted if room <= 0.0 else f"{accepted}, or youngs_modulus at most {stiffest:.3g} Pa for this step"
+    if room <= 0.0:
+        return accepted
+    stiffest = _rounded_down(parameters["youngs_modulus"] * (room / wave) ** 2)
+    return f"{accepted}, or youngs_modulus at most {stiffest:.3g} Pa for this step"
+
+
+def divergence_advice(
+    error: SimulationDiverged,
+    settings: SimulationSettings,
+    parameters: Mapping[str, float],
+    speed: float,
+    material: str,
+) -> str:
+    """In words, what to change after a divergence: the walls that a particle was pressed through, or the time step."""
+    if isinstance(error, ParticleEscaped) and not settings.walls_hold:
+        return (
+            f"wall_distance={settings.wall_distance:g} does not hold what is pressed against it; "
+            f"from {settings.grid_spacing:.6g} m, a cell of the grid, it does"
+        )
+    limit = time_step_limit(settings, parameters, speed, material)
+    return f"time_step={settings.time_step:g}, stable: {limit}"
+
+
+def _rounded_down(value: float) -> float:
+    """A positive number in three digits, not above it."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return float(f"{math.floor(value / unit) * unit:.3g}")
 
 
 @cache

@@ -107,6 +107,7 @@ WRONG = {
     "simulation.time_step=0": "positive",
     "simulation.boundary=sticky": "did you mean 'stick'",
     "simulation.wall_distance=0.6": "below 0.5",
+    "simulation.wall_distance=0": "accepted: 0.05",
     "scene.shape=cubes": "did you mean 'cube'",
     "scene.centre=[0.5,0.3,0.5]": "wall layer",
     "scene.centre=[0.5,0.1,0.5]": "outside the domain",

@@ -5,6 +5,7 @@ from jaxtyping import Float
 
 from pcnclaws.data.units import length_hint
 from pcnclaws.errors import UserError
+from pcnclaws.mpm.diagnostics import place_outside
 from pcnclaws.mpm.settings import SimulationSettings
 
 # Accepted rounding of a position on the surface of the wall layer [m].
@@ -25,13 +26,13 @@ def require_inside(
     if len(wrong) == 0:
         return
     first = int(wrong[0])
-    x, y, z = position[first]
     outside = not np.all((position[first] >= 0.0) & (position[first] <= 1.0))
     layer = f"inside the wall layer (wall_distance={settings.wall_distance:g} m)"
     place = "outside the domain [0, 1]^3 m" if outside else layer
     hint = length_hint(position) if outside else ""
     others = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+    where = place_outside(position[first].tolist(), limit, 1.0 - limit)
     raise UserError(
-        f"{what}: particle {first}{others} at ({x:.4g}, {y:.4g}, {z:.4g}) m is {place}; "
-        f"accepted: every coordinate from {limit:.4g} to {1.0 - limit:.4g} m{hint}"
+        f"{what}: particle {first}{others} at {where} m is {place}; "
+        f"accepted: every coordinate from {limit:.10g} to {1.0 - limit:.10g} m{hint}"
     )

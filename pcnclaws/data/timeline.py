@@ -52,7 +52,7 @@ class Timeline:
         """Positions [m] at first + every, first + 2 every, ..., (frames, particles, 3), NaN where not recorded."""
         wanted = np.arange(first + every, first + length + 1, every)
         found = np.minimum(np.searchsorted(self.step, wanted), len(self.step) - 1)
-        positions = np.asarray(self.record.position[found], dtype=np.float32)
+        positions = self.record.position[found]
         positions[self.step[found] != wanted] = np.nan
         return positions
 

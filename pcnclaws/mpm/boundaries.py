@@ -5,9 +5,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pcnclaws.mpm.grid import Grid
-
-# 3 * 0.05 <= 0.15 is False in floating point: distances are compared with this tolerance in units of dx.
-DISTANCE_TOLERANCE = 1e-6
+from pcnclaws.mpm.settings import DISTANCE_TOLERANCE
 
 
 def wall_nodes(grid: Grid, wall_distance: float) -> Bool[Tensor, "2 3 nodes"]:

@@ -1,6 +1,7 @@
 """Is a run physical? Conserved quantities, the time-step limit, and which particles have gone wrong."""
 
 import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -21,14 +22,29 @@ def failing_particles(state: ParticleState) -> ParticleMask:
     return ~(inside & (determinant(state.deformation) > 0.0))
 
 
+def left_domain(state: ParticleState, particle: int) -> bool:
+    """Whether a particle is at a known place outside the domain."""
+    position = state.position[:, particle]
+    return bool(torch.isfinite(position).all() and ((position < 0.0) | (position > 1.0)).any())
+
+
+def place_outside(position: Sequence[float], lower: float, upper: float) -> str:
+    """A position [m] in words, with as many digits as it takes to see that a coordinate is not within the limits."""
+    texts: list[str] = []
+    for digits in (4, 7, 10, 17):
+        texts = [f"{x:.{digits}g}" for x in position]
+        if any(not lower <= float(text) <= upper for text in texts):
+            break
+    return f"({', '.join(texts)})"
+
+
 def why_failing(state: ParticleState, particle: int) -> str:
     """In words, what is wrong with a failing particle."""
     position = state.position[:, particle]
     if not bool(torch.isfinite(position).all() and torch.isfinite(state.deformation[:, :, particle]).all()):
         return "its state is not finite"
-    if bool(((position < 0.0) | (position > 1.0)).any()):
-        where = ", ".join(f"{x:.3g}" for x in position.tolist())
-        return f"it left the domain [0, 1]^3 m at ({where})"
+    if left_domain(state, particle):
+        return f"it left the domain [0, 1]^3 m at {place_outside(position.tolist(), 0.0, 1.0)}"
     jacobian = float(determinant(state.deformation[:, :, particle : particle + 1])[0])
     return f"its deformation gradient turned inside out (det F = {jacobian:.3g})"
 

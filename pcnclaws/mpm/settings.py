@@ -8,6 +8,8 @@ from pcnclaws.errors import UserError, unknown_name
 BOUNDARIES = ("slip", "stick")
 # The whole grid is stored, some 30 bytes a node with its masks: 256 nodes an edge are half a gigabyte a scene.
 MAXIMUM_GRID_NODES = 256
+# 3 * 0.05 <= 0.15 is False in floating point: distances are compared with this tolerance in units of dx.
+DISTANCE_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,29 @@ class SimulationSettings:
     def grid_spacing(self) -> float:
         """dx [m]."""
         return 1.0 / self.grid_nodes
+
+    @property
+    def walls_hold(self) -> bool:
+        """Whether no particle leaves the domain, however hard it is pressed against a wall.
+
+        Half a cell behind the last wall node all nodes of a particle's stencil are wall nodes, and nothing moves it on:
+        that place must lie in the domain, so that the layer must hold the node at dx.
+        """
+        return self.wall_distance >= (1.0 - DISTANCE_TOLERANCE) * self.grid_spacing
+
+    def require_walls_that_hold(self) -> None:
+        """Refuses a wall layer that particles can be pressed through with a UserError."""
+        if not self.walls_hold:
+            raise UserError(
+                f"simulation.wall_distance={self.wall_distance:g} is too thin to hold what is pressed against it; "
+                f"accepted: {_rounded_up(self.grid_spacing)}, which is 1 / simulation.grid_nodes, to below 0.5 m"
+            )
+
+
+def _rounded_up(value: float) -> str:
+    """The number in six digits, not below it."""
+    digits = f"{value:.6g}"
+    return digits if float(digits) >= value else f"{value + 10.0 ** (math.floor(math.log10(value)) - 5):.6g}"
 
 
 def _require_positive(option: str, value: float) -> None:
