@@ -17,6 +17,7 @@ from pcnclaws.rendering.curves import ErrorCurve, LossCurve, error_over_time, lo
 from pcnclaws.rendering.labels import material_label
 from pcnclaws.rendering.pictures import camera_for, panel, predicted_beside_true, trajectory_picture
 from pcnclaws.rendering.spheres import draw_particles
+from pcnclaws.rendering.upright import upright
 
 CAMERA = Camera(0.1, 0.9, 0.8, 120)
 RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -151,3 +152,40 @@ def test_labels_name_the_parameters_with_units() -> None:
     assert material_label("plasticine", plasticine) == (
         "plasticine, E 530 kPa, \N{GREEK SMALL LETTER NU} 0.31, yield stress 5.1 kPa"
     )
+
+
+DOWN = [(0.0, -9.8, 0.0), (0.0, 9.8, 0.0), (0.0, 0.0, -9.8), (0.0, 0.0, 9.8), (-9.8, 0.0, 0.0), (1.0, -2.0, -9.0)]
+
+
+@pytest.mark.parametrize("gravity", DOWN)
+def test_the_wall_that_gravity_points_to_is_the_floor(gravity: tuple[float, float, float], record: SceneRecord) -> None:
+    axis = int(np.abs(gravity).argmax())
+    corners = np.array([[0.5, 0.5, 0.5], *(0.5 + 0.4 * np.eye(3))])
+    turned = upright(corners, gravity)
+    edges = turned[1:] - turned[0]
+    assert np.linalg.det(edges / 0.4) == pytest.approx(1.0), "turned, not mirrored"
+    floor = np.full(3, 0.5)
+    floor[axis] = 0.1 if gravity[axis] < 0.0 else 0.9
+    np.testing.assert_allclose(upright(floor, gravity), (0.5, 0.1, 0.5))
+    # the scene of a world that is turned looks the same
+    frame = record.position[3].astype(np.float64)
+    back = 0.5 + (frame - 0.5) @ (edges / 0.4).T
+    there = replace(
+        record, settings=replace(record.settings, gravity=gravity), position=np.stack([back] * len(record.time))
+    )
+    camera = camera_for([record], 100)
+    difference = panel(there, 3, camera).astype(int) - panel(record, 3, camera)
+    assert (np.abs(difference).max(2) > 2).mean() < 0.01
+    here = replace(record, position=np.stack([frame] * len(record.time)))
+    assert camera_for([there], 100).top == pytest.approx(camera_for([here], 100).top)
+
+
+def test_there_is_no_floor_without_gravity(record: SceneRecord) -> None:
+    camera = camera_for([record], 100)
+    weightless = replace(record, settings=replace(record.settings, gravity=(0.0, 0.0, 0.0)))
+    for frame in (0, 3):
+        pictures = [panel(one, frame, camera).astype(int) for one in (record, weightless)]
+        body = np.ptp(pictures[0], axis=2) > 10
+        assert np.abs(pictures[1] - pictures[0])[body].mean() < 3.0
+        assert (pictures[1] - pictures[0])[~body].max() > 30, "its shadow is gone"
+    assert camera_for([weightless], 100).top == 0.9

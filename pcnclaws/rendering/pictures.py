@@ -17,6 +17,7 @@ from pcnclaws.metrics import mse_sum, position_mse, rms_percent
 from pcnclaws.rendering.camera import Camera
 from pcnclaws.rendering.labels import COLOURS, OTHER_COLOUR, material_label
 from pcnclaws.rendering.spheres import draw_particles
+from pcnclaws.rendering.upright import has_floor, upright
 
 PANEL_WIDTH = 300  # pixels
 SPHERE_SIZE = 0.58  # radius of a drawn particle over the edge of the cube that it stands for
@@ -82,8 +83,11 @@ def predicted_beside_true(
 def camera_for(records: list[SceneRecord], width: int) -> Camera:
     """A camera that shows everything that happens in the records; they share the box of the first one."""
     lower = records[0].settings.wall_distance
-    highest = max(float(np.nanmax(record.position[..., 1])) for record in records)
-    return Camera(lower, 1.0 - lower, min(max(highest + 0.04, lower + 0.3), 1.0), width)
+    upper = 1.0 - lower
+    if not any(has_floor(record.settings.gravity) for record in records):
+        return Camera(lower, upper, upper, width)
+    highest = max(float(np.nanmax(upright(record.position, record.settings.gravity)[..., 1])) for record in records)
+    return Camera(lower, upper, min(max(highest + 0.04, lower + 0.3), 1.0), width)
 
 
 def panel(
@@ -93,11 +97,17 @@ def panel(
     colour: Float[np.ndarray, "particles 3"] | None = None,
     oversample: int = 2,
 ) -> np.ndarray:
-    """Picture of one frame, (rows, columns, 3) uint8; `colour` is the material's own unless given."""
+    """Picture of one frame, (rows, columns, 3) uint8; `colour` is the material's own unless given.
+
+    The floor is the wall that gravity points to; without gravity there is none.
+    """
     if colour is None:
         colour = np.tile(COLOURS.get(record.material, OTHER_COLOUR), (len(record.volume), 1))
     radius = SPHERE_SIZE * np.cbrt(record.volume.astype(np.float64))
-    return draw_particles(camera, record.position[frame], radius, colour, oversample)
+    gravity = record.settings.gravity
+    return draw_particles(
+        camera, upright(record.position[frame], gravity), radius, colour, oversample, has_floor(gravity)
+    )
 
 
 def _comparison_title(true: SceneRecord, predicted: SceneRecord) -> str:

@@ -21,6 +21,7 @@ def draw_particles(
     radius: Float[np.ndarray, " particles"],
     colour: Colours,
     oversample: int = 2,
+    floor: bool = True,
 ) -> Picture:
     """Picture of spheres in the box that the camera shows.
 
@@ -28,11 +29,12 @@ def draw_particles(
     radius      [m], (particles,)
     colour      red, green and blue from 0 to 1, (particles, 3)
     oversample  pixels of the drawing along one of the picture, against jagged edges
+    floor       whether the wall below is a floor, with a grid and a shadow
     """
     seen = np.isfinite(position).all(1)
     position, radius, colour = position[seen].astype(np.float64), radius[seen], colour[seen]
     fine = Camera(camera.lower, camera.upper, camera.top, camera.width * oversample)
-    canvas = np.repeat(shadowed_stage(fine, position, radius)[..., None].astype(np.float32), 3, axis=2)
+    canvas = np.repeat(shadowed_stage(fine, position, radius, floor)[..., None].astype(np.float32), 3, axis=2)
     owner, depth, facing = _rasterise(fine, position, radius)
     hit = owner >= 0
     light = (AMBIENT + DIFFUSE * facing) * _occlusion(fine, depth, hit)

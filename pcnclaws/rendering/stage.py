@@ -16,8 +16,13 @@ LIGHT = np.array([-0.35, 1.0, 0.5]) / np.linalg.norm([-0.35, 1.0, 0.5])
 
 
 @lru_cache(maxsize=8)
-def empty_stage(camera: Camera) -> tuple[Float[np.ndarray, "rows columns"], Float[np.ndarray, "rows columns 3"]]:
-    """Brightness of each pixel of the empty box, and the point [m] where its ray leaves the box (NaN: outside)."""
+def empty_stage(
+    camera: Camera, floor: bool = True
+) -> tuple[Float[np.ndarray, "rows columns"], Float[np.ndarray, "rows columns 3"]]:
+    """Brightness of each pixel of the empty box, and the point [m] where its ray meets the floor (NaN: nowhere).
+
+    floor  whether the wall below is one; else it is drawn as the others are
+    """
     rays = camera.rays()
     low = np.array([camera.lower, camera.lower, camera.lower])
     high = np.array([camera.upper, camera.top, camera.upper])
@@ -26,7 +31,7 @@ def empty_stage(camera: Camera) -> tuple[Float[np.ndarray, "rows columns"], Floa
     enters, leaves = np.minimum(first, second).max(2), np.maximum(first, second).min(2)
     exits = camera.eye + leaves[..., None] * rays
     axis = np.maximum(first, second).argmin(2)
-    on_floor = axis == 1
+    on_floor = (axis == 1) & floor
     to_line = np.abs((exits + 0.5 * GRID_LINES_EVERY) % GRID_LINES_EVERY - 0.5 * GRID_LINES_EVERY)
     lined = on_floor & (to_line[..., [0, 2]].min(2) < 0.5 * LINE_WIDTH)
     brightness = np.where(on_floor, FLOOR, WALL) - np.where(axis == 2, 0.0, 0.02) * ~on_floor
@@ -38,17 +43,22 @@ def empty_stage(camera: Camera) -> tuple[Float[np.ndarray, "rows columns"], Floa
 
 
 def shadowed_stage(
-    camera: Camera, position: Float[np.ndarray, "particles 3"], radius: Float[np.ndarray, " particles"]
+    camera: Camera,
+    position: Float[np.ndarray, "particles 3"],
+    radius: Float[np.ndarray, " particles"],
+    floor: bool = True,
 ) -> Float[np.ndarray, "rows columns"]:
-    """Brightness of each pixel of the box with the soft shadow that the particles throw on the floor."""
-    brightness, floor = empty_stage(camera)
+    """Brightness of each pixel of the box with the soft shadow that the particles throw on the floor, if any."""
+    brightness, met = empty_stage(camera, floor)
+    if not floor:
+        return brightness
     cell = (camera.upper - camera.lower) / SHADOW_CELLS
     fallen = position - LIGHT * ((position[:, 1] - camera.lower) / LIGHT[1])[:, None]
     bins = np.linspace(camera.lower, camera.upper, SHADOW_CELLS + 1)
     covered, _, _ = np.histogram2d(fallen[:, 0], fallen[:, 2], bins=(bins, bins), weights=np.pi * radius**2 / cell**2)
     density = gaussian_filter(covered, max(SHADOW_BLUR, float(radius.max(initial=0.0) / cell)))
-    on_floor = np.isfinite(floor[..., 0])
-    x, z = ((floor[on_floor][:, k] - camera.lower) / cell - 0.5 for k in (0, 2))
+    on_floor = np.isfinite(met[..., 0])
+    x, z = ((met[on_floor][:, k] - camera.lower) / cell - 0.5 for k in (0, 2))
     shadowed = brightness.copy()
     shade = map_coordinates(1.0 - np.exp(-1.5 * density), (x, z), order=1, mode="nearest")
     shadowed[on_floor] *= 1.0 - SHADOW_DARKNESS * shade
