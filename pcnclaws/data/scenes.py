@@ -268,8 +268,8 @@ def _records(starts: Sequence[SceneStart], batch: SceneBatch, trajectory: Trajec
                 Keyframes(keyframe_step, position[at], *full_states) if len(at) else None,
                 initial_affine=None
                 if start.affine is None or not start.affine.any()
-                else start.affine.astype(np.float32),
-                density=None if start.density is None else start.density.astype(np.float32),
+                else start.affine.astype(position.dtype),
+                density=None if start.density is None else start.density.astype(position.dtype),
             )
         )
     return records
