@@ -18,7 +18,7 @@ from pcnclaws.benchmarking.document import measure, read_document
 from pcnclaws.benchmarking.problems import PROBLEMS
 from pcnclaws.benchmarking.yardstick import Yardstick
 from pcnclaws.configuration import device_from, whole_number
-from pcnclaws.errors import UserError
+from pcnclaws.data.locks import written_alone
 from pcnclaws.outputs import check_ending
 from pcnclaws.runs import laws_for
 
@@ -28,7 +28,13 @@ PLAIN_WIDTH = 120
 
 def benchmark(config: DictConfig) -> None:
     """Measures the configured problem and leaves its numbers, as JSON, and its pictures in the folder `output`."""
-    folder, name = _folder(config), str(config.problem.name)
+    folder = Path(config.output)
+    check_ending("output", folder)
+    with written_alone(folder, f"output={folder}"):
+        _benchmark(config, folder, str(config.problem.name))
+
+
+def _benchmark(config: DictConfig, folder: Path, name: str) -> None:
     document = folder / f"{name}.json"
     if config.redraw is None:
         measured = _measure(config, folder, name)
@@ -48,18 +54,6 @@ def _measure(config: DictConfig, folder: Path, name: str) -> Path:
     del options["name"]
     with _progress(name) as advance:
         return measure(name, options, BenchmarkContext(device, seed, folder, advance, Yardstick(device), laws_for))
-
-
-def _folder(config: DictConfig) -> Path:
-    """The folder of `output=`, made where it is missing."""
-    folder = Path(config.output)
-    check_ending("output", folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = error.strerror or error
-        raise UserError(f"output={folder} cannot be made ({reason}); accepted: the path of a folder") from error
-    return folder
 
 
 @contextmanager

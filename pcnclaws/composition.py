@@ -6,9 +6,8 @@ composition does not know is refused however it was added.
 
 import logging
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cache
-from hashlib import sha256
 from itertools import product
 from pathlib import Path
 from typing import Any, cast
@@ -18,11 +17,11 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
-from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.folder_names import FolderNames, folder_names
 from pcnclaws.options import check_options, leaves, unknown_option
 from pcnclaws.unused_options import check_unused
 
@@ -30,7 +29,6 @@ log = logging.getLogger(__name__)
 
 CONFIG_ERRORS = (HydraException, OmegaConfBaseException)
 HYDRA_VERSION_BASE = "1.3"
-LONGEST_FOLDER_NAME = 100
 GROUP_CHOICE = re.compile(r"(?P<group>[\w/]+)=(?P<choice>[\w.-]+)")
 # The option with a word for all of its switches, which are a group of files for Hydra.
 SWITCHES = re.compile(r"\+{0,2}simulation\.skip=(?!\{)(?P<words>.*)")
@@ -62,9 +60,12 @@ def as_group_choices(overrides: Sequence[str]) -> list[str]:
     return [_as_group_choice(override) for override in overrides]
 
 
-def checked(entry: str, config: DictConfig, overrides: Sequence[str]) -> DictConfig:
-    """The configuration, resolved, after a look at every option; UserError for the first wrong one."""
-    resolved = _resolved(config)
+def checked(entry: str, config: DictConfig, overrides: Sequence[str], swept: Collection[str] = ()) -> DictConfig:
+    """The configuration, resolved, after a look at every option; UserError for the first wrong one.
+
+    swept  the options that differ between the jobs of a sweep
+    """
+    resolved = _resolved(config, folder_names(overrides, swept))
     options = dict(leaves(resolved))
     check_options(options, _defaults(entry, overrides))
     check_unused(entry, _written(overrides, options), options)
@@ -88,9 +89,12 @@ def explain(entry: str, overrides: Sequence[str], error: Exception) -> UserError
     return UserError(f"{where}: {'; '.join(line.strip() for line in text.splitlines() if line.strip())}")
 
 
-def register_resolvers() -> None:
-    """`${job_folder:}`: empty for a single run; a folder of its own, with a leading slash, for a job of a sweep."""
-    OmegaConf.register_new_resolver("job_folder", _job_folder, replace=True)
+def register_resolvers(names: FolderNames | None = None) -> None:
+    """`${apart:}`, `${job_folder:}` and `${sweep_folder:}`, the parts of default paths; empty without names."""
+    apart, job, sweep = names or FolderNames()
+    OmegaConf.register_new_resolver("apart", lambda: apart, replace=True)
+    OmegaConf.register_new_resolver("job_folder", lambda: job, replace=True)
+    OmegaConf.register_new_resolver("sweep_folder", lambda: sweep, replace=True)
 
 
 def task_overrides() -> list[str]:
@@ -155,17 +159,6 @@ def _as_group_choice(override: str) -> str:
     return f"simulation/skip={match['words']}"
 
 
-def _job_folder() -> str:
-    if not HydraConfig.initialized() or HydraConfig.get().mode != RunMode.MULTIRUN:
-        return ""
-    # the same overrides give the same folder, so that a sweep that was stopped goes on where it was
-    overrides = [override for override in task_overrides() if not override.startswith("experiment=")]
-    name = re.sub(r"[^A-Za-z0-9.-]+", "_", "_".join(sorted(overrides)).replace("=", "-")).lstrip(".")
-    if len(name) > LONGEST_FOLDER_NAME:
-        name = f"{name[: LONGEST_FOLDER_NAME - 17]}-{sha256(name.encode()).hexdigest()[:16]}"
-    return f"/{name or 'job'}"
-
-
 def _compose(entry: str, overrides: Sequence[str]) -> DictConfig:
     if GlobalHydra.instance().is_initialized():
         return compose(entry, list(overrides))
@@ -199,6 +192,7 @@ def _defaults_without(option: str, entry: str, overrides: Sequence[str]) -> Mapp
     return next((options for options in jobs if option not in options), jobs[0])
 
 
-def _resolved(config: DictConfig) -> DictConfig:
+def _resolved(config: DictConfig, names: FolderNames | None = None) -> DictConfig:
+    register_resolvers(names)
     values = cast(dict[str, Any], OmegaConf.to_container(config, resolve=True, throw_on_missing=True))
     return OmegaConf.create(values)

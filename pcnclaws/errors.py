@@ -1,5 +1,7 @@
-"""The two failures a user meets: wrong input, and a simulation that left the physical world."""
+"""The failures a user meets: wrong input, a simulation that left the physical world, a full disk, an interruption."""
 
+import errno
+import signal
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -14,6 +16,31 @@ class SimulationDiverged(RuntimeError):
 
 class ParticleEscaped(SimulationDiverged):
     """A particle left the domain."""
+
+
+class CannotWrite(RuntimeError):
+    """There is no room for a file. The message is one line: the file and what the system says. Exit status 1."""
+
+
+class Interrupted(BaseException):
+    """The process was told to end by a signal. Exit status 1 for SIGINT (Ctrl-C), 143 for SIGTERM.
+
+    Notes that are added to it say what was kept.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__("terminated" if number == signal.SIGTERM else "interrupted")
+        self.number = number
+
+
+# What the operating system says where there is no room: the disk or a quota is full, a file may not become so large,
+# the device fails.
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
+
+def is_full(error: OSError) -> bool:
+    """Whether it is the room for a file that is missing, and nothing is wrong with its path."""
+    return error.errno in NO_ROOM
 
 
 def unknown_name(option: str, name: object, known: Iterable[str]) -> UserError:

@@ -2,6 +2,7 @@
 
 import shutil
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,7 +19,9 @@ from pcnclaws.configuration import (
     skips_from,
     use_processor,
 )
+from pcnclaws.data.atomic import replaced_file
 from pcnclaws.data.hdf5 import write_scenes
+from pcnclaws.data.locks import written_alone
 from pcnclaws.data.observation_files import stored_truth
 from pcnclaws.data.scenes import simulate_records
 from pcnclaws.data.spacing import warn_of_sparse_particles
@@ -44,10 +47,18 @@ PLAIN_WIDTH = 120
 FREE_OPTIONS = ("output", "overwrite", "picture", "trajectory", "threads", "paths")
 
 
-def estimate(config: DictConfig) -> None:
-    """Searches the parameters that explain the observation, and writes them to `output` with their intervals."""
-    started = time.monotonic()
+def estimate(config: DictConfig) -> Mapping[str, float | None]:
+    """Searches the parameters that explain the observation, and writes them to `output` with their intervals.
+
+    returns  the estimates, and the error of the fit
+    """
     output = output_file(config, *RESULT)
+    with written_alone(_search_folder(output), f"output={output}"):
+        return _estimate(config, output)
+
+
+def _estimate(config: DictConfig, output: Path) -> Mapping[str, float | None]:
+    started = time.monotonic()
     use_processor(config)
     if config.device != "cpu":
         raise UserError(f"device={config.device} is not accepted; accepted: cpu, estimation has no other way yet")
@@ -64,7 +75,7 @@ def estimate(config: DictConfig) -> None:
     guess = guess_from(config, material, problem)
     warn_of_sparse_particles([problem.start(guess)])
     module = InverseModule(problem, start_from_guess(config, problem, guess, console), estimator)
-    folder = _search_folder(config, output)
+    folder = _started_search(config, output)
     fit_inverse(module, folder, console)
     found = uncertainty(module.linearisation(), unknowns, module.u, law_error, noise)
     fit = fit_of(problem, module.u, found, noise)
@@ -94,22 +105,30 @@ def estimate(config: DictConfig) -> None:
     write_metrics(output, values)
     shutil.rmtree(folder / "checkpoints", ignore_errors=True)
     console.print(f"wrote {output}: MSE {mse:.2e} m^2 in {values['seconds']:g} s")
+    found_values = {name: one["estimate"] for name, one in values["parameters"].items()}
+    return {**found_values, "MSE [m^2]": mse}
 
 
-def _search_folder(config: DictConfig, output: Path) -> Path:
-    """Where an interrupted search is kept, beside the output; one of other options is not gone on with."""
+def _search_folder(output: Path) -> Path:
+    """Where an interrupted search is kept, beside the output."""
     folder = output.with_suffix("") if output.suffix else output.with_name(f"{output.name}_search")
+    if folder.exists() and not folder.is_dir():
+        raise UserError(f"output={output}: {folder} is a file, and the search needs a folder of that name")
+    return folder
+
+
+def _started_search(config: DictConfig, output: Path) -> Path:
+    """The folder of the search, which goes on with an interrupted one of the same options alone."""
+    folder = _search_folder(output)
     options = cast(dict[str, Any], OmegaConf.to_container(config))
     asked = {str(key): value for key, value in options.items() if key not in FREE_OPTIONS}
     noted = folder / "search.yaml"
-    if folder.exists() and not folder.is_dir():
-        raise UserError(f"output={output}: {folder} is a file, and the search needs a folder of that name")
     same = noted.is_file() and yaml.safe_load(noted.read_text(encoding="utf-8")) == asked
     if config.overwrite or not same:
         for name in ("checkpoints", "tensorboard"):
             shutil.rmtree(folder / name, ignore_errors=True)
-    folder.mkdir(parents=True, exist_ok=True)
-    noted.write_text(yaml.safe_dump(asked), encoding="utf-8")
+    with replaced_file(noted) as part:
+        part.write(yaml.safe_dump(asked, encoding="utf-8"))
     return folder
 
 

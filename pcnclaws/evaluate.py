@@ -1,5 +1,6 @@
 """Evaluates a law: python -m pcnclaws.evaluate material=sand law=analytic trajectories=x.h5 output=metrics.json."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
@@ -41,8 +42,11 @@ PLAIN_WIDTH = 120
 MAP = "outside_range"
 
 
-def evaluate(config: DictConfig) -> None:
-    """Writes the errors of the configured law on the configured task to `output`, and pictures beside it."""
+def evaluate(config: DictConfig) -> Mapping[str, float | None]:
+    """Writes the errors of the configured law on the configured task to `output`, and pictures beside it.
+
+    returns  the means of the errors
+    """
     output = output_file(config, *RESULT)
     use_processor(config)
     material = material_from(config)
@@ -63,6 +67,11 @@ def evaluate(config: DictConfig) -> None:
     values = metrics(outcomes, curves=config.task.name != MAP) | ({"floor": floors} if floors else {})
     write_metrics(output, source | values | {"provenance": origin})
     print(f"wrote {output}")
+    return {
+        "MSE [m^2]": values["mse"],
+        "RMS [% of size]": values["rms_percent"],
+        "stress error": values["stress_error"],
+    }
 
 
 def _on_file(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str, float | None]]:

@@ -1,19 +1,22 @@
 """The one launcher of all entry points: composes the configuration, runs the task, ends with an exit status.
 
-    0  done
-    1  the run failed: a diverged simulation, an interruption, a bug
-    2  the user's input is wrong
+    0    done
+    1    the run failed: a diverged simulation, Ctrl-C (SIGINT), a full disk, a bug
+    2    the user's input is wrong
+    143  ended by SIGTERM
 
 Every failure is one line on stderr; a bug prints its traceback before it.
 """
 
 import io
 import os
+import signal
 import sys
 import tempfile
+import threading
 import traceback
-from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr
 from typing import NoReturn
 
 import hydra
@@ -22,6 +25,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.types import RunMode
 from omegaconf import DictConfig
+from rich.console import Console
 
 from pcnclaws.composition import (
     CONFIG_ERRORS,
@@ -33,10 +37,16 @@ from pcnclaws.composition import (
     register_resolvers,
     task_overrides,
 )
-from pcnclaws.errors import SimulationDiverged, UserError
+from pcnclaws.errors import CannotWrite, Interrupted, SimulationDiverged, UserError, is_full
+from pcnclaws.folder_names import swept_options
+from pcnclaws.signals import signals_end_it
+from pcnclaws.sweeps import Job, sweep_table
 
-FAILED, WRONG_INPUT = 1, 2
-Task = Callable[[DictConfig], None]
+FAILED, WRONG_INPUT, TERMINATED = 1, 2, 128 + signal.SIGTERM
+# Width of the table of a sweep where the output is not a terminal: folders are long.
+PLAIN_WIDTH = 160
+# What a command does; it may return numbers that a sweep shows of it, by name and unit.
+Task = Callable[[DictConfig], Mapping[str, float | None] | None]
 
 
 def main(task: Task, entry: str) -> NoReturn:
@@ -47,24 +57,67 @@ def main(task: Task, entry: str) -> NoReturn:
 def run(task: Task, entry: str, arguments: Sequence[str]) -> int:
     """The exit status of an entry point with these command-line arguments.
 
-    Under --multirun every job runs, whatever becomes of the others; the status is the largest of all jobs.
+    Under --multirun every job runs, whatever becomes of the others; the status is the largest of all jobs. A signal
+    ends all of them.
     """
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises its errors instead of printing them and exiting
     register_resolvers()
     jobs = Jobs(task, entry)
     try:
+        with signals_end_it(), _threads_without_traceback():
+            _run(jobs, arguments)
+            jobs.show()
+            _flush(jobs)
+    except (Interrupted, KeyboardInterrupt) as end:
+        return _said(end)
+    return jobs.status
+
+
+def _run(jobs: "Jobs", arguments: Sequence[str]) -> None:
+    try:
         flags, overrides = _split(arguments)
         jobs.overrides = overrides = as_group_choices(overrides)
+        jobs.swept = swept_options(overrides)
         with tempfile.TemporaryDirectory() as sweep_folder:
             _launch(jobs, flags, [*overrides, f"hydra.sweep.dir={sweep_folder}"])
-    except KeyboardInterrupt:
-        print("error: interrupted", file=sys.stderr)
-        return FAILED
     except (*CONFIG_ERRORS, ValueError) as error:  # Hydra raises ValueError, too, for what it cannot compose
-        jobs.record(error if isinstance(error, UserError) else explain(entry, jobs.overrides, error))
+        jobs.record(error if isinstance(error, UserError) else explain(jobs.entry, jobs.overrides, error))
     except Exception as error:
         jobs.record(error)
-    return jobs.status
+
+
+def _flush(jobs: "Jobs") -> None:
+    """Writes what was printed; a file that it goes to may be full."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python tries once more at its end
+        error.filename = "the standard output"
+        if not jobs.status:
+            jobs.record(error)
+
+
+@contextmanager
+def _threads_without_traceback() -> Iterator[None]:
+    """A thread that finds no room (TensorBoard's) ends without a word: its error comes to the main thread, too."""
+    hook = threading.excepthook
+
+    def quiet(thrown: threading.ExceptHookArgs) -> None:
+        if not (isinstance(thrown.exc_value, OSError) and is_full(thrown.exc_value)):
+            hook(thrown)
+
+    threading.excepthook = quiet
+    try:
+        yield
+    finally:
+        threading.excepthook = hook
+
+
+def _said(end: Interrupted | KeyboardInterrupt) -> int:
+    """The exit status of an interruption, after its line."""
+    words = "interrupted" if isinstance(end, KeyboardInterrupt) else str(end)
+    print("error:", "; ".join([words, *getattr(end, "__notes__", ())]), file=sys.stderr)
+    return TERMINATED if isinstance(end, Interrupted) and end.number == signal.SIGTERM else FAILED
 
 
 class Jobs:
@@ -73,36 +126,52 @@ class Jobs:
     def __init__(self, task: Task, entry: str) -> None:
         self.task, self.entry = task, entry
         self.overrides: list[str] = []
+        self.swept: list[str] = []
         self.status = 0
         self._outputs: set[str] = set()
         self._recorded: list[Exception] = []
+        self._done: list[Job] = []
 
     def run(self, config: DictConfig) -> None:
         """One job, under Hydra."""
         multirun = HydraConfig.get().mode == RunMode.MULTIRUN
-        overrides = task_overrides()
+        overrides, output = task_overrides(), ""
         try:
-            self.task(self._checked(config, overrides))
+            config = self._checked(config, overrides)
+            output = str(config.output)
+            numbers = self.task(config) or {}
+            self._done.append(Job(overrides, 0, output, numbers))
         except Exception as error:
-            self.record(error, f"job '{' '.join(overrides)}': " if multirun else "")
+            status = self.record(error, f"job '{' '.join(overrides)}': " if multirun else "")
+            self._done.append(Job(overrides, status, output, {}))
             if multirun:  # Hydra keeps the error until the other jobs have run
                 raise
 
-    def record(self, error: Exception, job: str = "") -> None:
-        """Prints the error, once, and keeps its exit status if it is the worst."""
+    def record(self, error: Exception, job: str = "") -> int:
+        """Prints the error, once, and keeps its exit status if it is the worst; returns its own."""
+        status = WRONG_INPUT if isinstance(error, UserError) else FAILED
         if error in self._recorded:
-            return
+            return status
         self._recorded.append(error)
-        self.status = max(self.status, WRONG_INPUT if isinstance(error, UserError) else FAILED)
+        self.status = max(self.status, status)
         text = " ".join(str(error).split())
-        if not isinstance(error, (UserError, SimulationDiverged)):
+        if isinstance(error, OSError) and is_full(error):
+            text = f"{error.filename or 'a file'} cannot be written ({error.strerror.lower()})"
+        elif not isinstance(error, (UserError, SimulationDiverged, CannotWrite)):
             traceback.print_exception(error)
             text = f"unexpected {type(error).__name__}: {text}"
         print(f"error: {job}{text}", file=sys.stderr)
+        return status
+
+    def show(self) -> None:
+        """Prints the table of a sweep."""
+        if self.swept and self._done:
+            console = Console() if Console().is_terminal else Console(width=PLAIN_WIDTH)
+            console.print(sweep_table(self._done, self.swept))
 
     def _checked(self, config: DictConfig, overrides: list[str]) -> DictConfig:
         try:
-            config = checked(self.entry, config, overrides)
+            config = checked(self.entry, config, overrides, self.swept)
         except CONFIG_ERRORS as error:
             raise explain(self.entry, overrides, error) from error
         output = os.path.realpath(str(config.output))

@@ -13,6 +13,21 @@ WORDS = {"simulation.time_step": ("auto",)}
 KINDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "text"}
 # Lists whose length is free: what a benchmark problem goes through. Other lists are vectors, as long as their default.
 FREE_LISTS = "problem."
+# Options that say where and how fast, not what: they may differ between a run and its continuation, and name no folder.
+FREE_OPTIONS = (
+    "overwrite",
+    "output",
+    "paths",
+    "name",
+    "picture",
+    "trajectory",
+    "device",
+    "threads",
+    "logger",
+    "data.folder",
+    "simulation.backend",
+    "simulation.skip",
+)
 # At most so many names are listed when an option is not known.
 LISTED = 12
 
@@ -25,6 +40,11 @@ def leaves(config: DictConfig, prefix: str = "") -> Iterator[tuple[str, Any]]:
             yield from leaves(value, f"{option}.")
         else:
             yield option, OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
+
+
+def is_free(option: str) -> bool:
+    """Whether an option, by its dotted name, is one of FREE_OPTIONS or below one."""
+    return any(option == free or option.startswith(f"{free}.") for free in FREE_OPTIONS)
 
 
 def check_options(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:

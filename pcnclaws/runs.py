@@ -1,5 +1,6 @@
 """Run folders: started, continued, finished, and read back as laws. Reading one never runs code from its files."""
 
+import json
 import logging
 import shutil
 from collections.abc import Iterable, Mapping
@@ -10,11 +11,13 @@ from typing import Any, NamedTuple
 import yaml
 
 from pcnclaws.data.atomic import PARTIAL_SUFFIX, replaced_file
+from pcnclaws.data.locks import LOCK
 from pcnclaws.data.motion import Model
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import Laws, Material, analytic_laws, material_named
 from pcnclaws.laws.parameters import PARAMETERS
 from pcnclaws.models import build_model
+from pcnclaws.options import is_free
 from pcnclaws.training.weights import read_weights, set_law_weights
 
 log = logging.getLogger(__name__)
@@ -25,20 +28,6 @@ CONFIG, WEIGHTS, METRICS, CHECKPOINTS, EVENTS = (
     "metrics.json",
     "checkpoints",
     "tensorboard",
-)
-# Options that may differ between a run and its continuation: they say where and how fast, not what.
-FREE_OPTIONS = (
-    "overwrite",
-    "output",
-    "paths",
-    "name",
-    "picture",
-    "device",
-    "threads",
-    "logger",
-    "data.folder",
-    "simulation.backend",
-    "simulation.skip",
 )
 PRETRAINED = Path(__file__).parent / "pretrained"
 
@@ -140,7 +129,7 @@ def is_finished(folder: Path, config: Mapping[str, Any]) -> bool:
     if folder.exists() and not folder.is_dir():
         raise UserError(f"output={folder} is a file; accepted: a new folder or a run folder")
     if not (folder / CONFIG).is_file():
-        if folder.is_dir() and any(entry.suffix != PARTIAL_SUFFIX for entry in folder.iterdir()):
+        if folder.is_dir() and any(_is_foreign(entry) for entry in folder.iterdir()):
             raise UserError(f"output={folder} is not empty and holds no run; accepted: a new folder or a run folder")
         return False
     if not any((folder / name).exists() for name in (CHECKPOINTS, WEIGHTS)):
@@ -154,12 +143,18 @@ def is_finished(folder: Path, config: Mapping[str, Any]) -> bool:
     return (folder / METRICS).is_file() and (folder / WEIGHTS).is_file()
 
 
+def run_errors(folder: Path) -> dict[str, float | None]:
+    """The errors of a finished run [m^2]: of the validation that chose its weights, and on the test scenes."""
+    metrics = json.loads((folder / METRICS).read_text(encoding="utf-8"))
+    return {"validation_mse": metrics["training"]["validation_mse"], "test_mse": metrics["mse"]}
+
+
 def start_run(folder: Path, config: Mapping[str, Any], overwrite: bool = False) -> None:
     """Claims a run folder for this configuration. overwrite removes what another run left in it."""
     if overwrite and (folder / CONFIG).is_file():
         _clear(folder)
     with replaced_file(folder / CONFIG) as part:
-        part.write_text(yaml.safe_dump(dict(config), sort_keys=False), encoding="utf-8")
+        part.write(yaml.safe_dump(dict(config), sort_keys=False, encoding="utf-8"))
 
 
 def read_config(folder: Path) -> dict[str, Any]:
@@ -179,6 +174,11 @@ def _as_laws(model: Model, source: str) -> Laws:
     if not isinstance(model, Laws):
         raise UserError(f"{source} is a model of motion without laws, which evaluate takes; accepted here: laws")
     return model
+
+
+def _is_foreign(entry: Path) -> bool:
+    """Whether an entry of a folder keeps a run from starting there: not a lock, a leftover, or the job of a sweep."""
+    return entry.name != LOCK and entry.suffix != PARTIAL_SUFFIX and not (entry / CONFIG).is_file()
 
 
 def _clear(folder: Path) -> None:
@@ -204,9 +204,7 @@ def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     """The first option that differs, in words; empty if none does."""
     before, after = _flat(old), _flat(new)
     for option in sorted(before.keys() | after.keys()):
-        if any(option == free or option.startswith(f"{free}.") for free in FREE_OPTIONS):
-            continue
-        if before.get(option) != after.get(option):
+        if not is_free(option) and before.get(option) != after.get(option):
             return f"{option}: {before.get(option)} there, {after.get(option)} asked for"
     return ""
 

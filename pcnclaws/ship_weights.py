@@ -41,9 +41,9 @@ def ship(run: Path, into: Path = PRETRAINED) -> Path:
     write_weights(folder / WEIGHTS, weights, notes)
     with replaced_file(folder / "config.yaml") as part:
         kept = {name: loaded.config[name] for name in KEPT if name in loaded.config}
-        part.write_text(yaml.safe_dump(kept, sort_keys=False), encoding="utf-8")
+        part.write(yaml.safe_dump(kept, sort_keys=False, encoding="utf-8"))
     with replaced_file(folder / CARD) as part:
-        part.write_text(card(loaded.material.name, loaded.config, metrics), encoding="utf-8")
+        part.write(card(loaded.material.name, loaded.config, metrics).encode())
     return folder
 
 

@@ -3,6 +3,7 @@
 import copy
 import math
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,15 +14,18 @@ from rich.console import Console
 from pcnclaws import launcher
 from pcnclaws.baselines.identified import identified_values
 from pcnclaws.configuration import device_from, material_from, precision_from, skips_from, use_processor, whole_number
+from pcnclaws.data.locks import written_alone
 from pcnclaws.data.motion import Model
 from pcnclaws.data_sets import ready_data_set
 from pcnclaws.errors import UserError
 from pcnclaws.evaluation.provenance import commit
 from pcnclaws.laws.materials import Laws
 from pcnclaws.models import build_model
+from pcnclaws.options import is_free, leaves
 from pcnclaws.outputs import check_ending
-from pcnclaws.runs import METRICS, WEIGHTS, is_finished, start_run
+from pcnclaws.runs import METRICS, WEIGHTS, is_finished, run_errors, start_run
 from pcnclaws.training.fit import FitResult, fit, quiet_lightning
+from pcnclaws.training.hyperparameters import log_hyperparameters
 from pcnclaws.training.sources import TrainingScenes, for_regime, generated_scenes, own_scenes
 from pcnclaws.training.weights import set_law_weights, write_weights
 from pcnclaws.training_report import Report, against_untrained, write_report
@@ -32,11 +36,18 @@ from pcnclaws.training_start import settled_start
 PLAIN_WIDTH = 120
 
 
-def train(config: DictConfig) -> None:
-    """Makes the data if it is missing, trains, tests, and fills the run folder `output`.
+def train(config: DictConfig) -> Mapping[str, float | None]:
+    """Makes the data if it is missing, trains, tests, and fills the run folder `output`; returns the errors of the law.
 
     The same command again continues an unfinished run, and leaves a finished one alone.
     """
+    folder = Path(config.output)
+    with written_alone(folder, f"output={folder}"):
+        _train(config)
+        return {f"{name} [m^2]": error for name, error in run_errors(folder).items()}
+
+
+def _train(config: DictConfig) -> None:
     started = time.monotonic()
     commit()  # of the code that trains
     use_processor(config)
@@ -69,6 +80,8 @@ def train(config: DictConfig) -> None:
     notes |= {"identified": found} if isinstance(model, Laws) and (found := identified_values(model)) else {}
     report = Report(folder, scenes, fitted, notes, untrained, model, started, skips_from(config))
     write_report(report, device_from(config), precision_from(config), config.seed, config.picture, console)
+    options = {option: value for option, value in leaves(config) if not is_free(option)}
+    log_hyperparameters(folder, options, run_errors(folder))
 
 
 def untrained_model(config: DictConfig) -> Model:

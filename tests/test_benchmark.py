@@ -135,7 +135,7 @@ def test_every_switch_is_tried_alone_and_all_together() -> None:
         (["problem=skips", "problem.switches=[rset]"], "did you mean 'rest'"),
         (["redraw=missing.json"], "redraw=missing.json cannot be read"),
         (["redraw=other.json"], "redraw=other.json holds no results of problem=step_cost"),
-        (["output=other.json"], "output=other.json cannot be made"),
+        (["output=other.json"], "output=other.json: other.json is a file; accepted: a folder"),
         (["threads=0"], "threads=0"),
     ],
 )

@@ -17,7 +17,7 @@ def test_each_job_has_its_own_folder_wherever_the_flag_stands(arguments, in_proc
     assert in_process(seen.append, "train", *arguments).status == 0
     assert [config.seed for config in seen] == [1, 2]
     assert len({config.output for config in seen}) == 2
-    assert all(re.fullmatch(r"[A-Za-z0-9._/-]+", config.output) for config in seen)
+    assert all(re.fullmatch(r"[A-Za-z0-9._/-]+/seed-[12]", config.output) for config in seen)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -45,6 +45,18 @@ def test_folder_names_stay_short(in_process):
     assert all(len(config.output.rpartition("/")[2]) <= 100 for config in seen)
 
 
+def test_fixed_options_do_not_fill_the_names_and_do_not_collide(in_process):
+    seen, options = [], ("experiment=sand_multi", "training.learning_rate=1e-3,1e-2", "picture=false", "data.folder=d")
+    in_process(seen.append, "train", "-m", *options)
+    in_process(seen.append, "train", "-m", *options, "training.iterations=0")
+    names = ["training.learning_rate-0.001", "training.learning_rate-0.01"]
+    assert [config.output for config in seen] == [
+        f"outputs/runs/{parent}/{name}"
+        for parent in ("sand_multi", "sand_multi_training.iterations-0")
+        for name in names
+    ]
+
+
 def fails_with(errors: dict[int, Exception]):
     """A task that fails for some seeds, and the list of the seeds that it ran for."""
     ran = []
@@ -55,6 +67,10 @@ def fails_with(errors: dict[int, Exception]):
             raise errors[config.seed]
 
     return task, ran
+
+
+def _status(error: Exception | None) -> int:
+    return 0 if error is None else 2 if isinstance(error, UserError) else 1
 
 
 @pytest.mark.parametrize(
@@ -72,6 +88,9 @@ def test_a_failed_job_does_not_stop_the_others_and_the_worst_status_stays(errors
     outcome = in_process(task, "train", "--multirun", "seed=1,2,3")
     assert ran == [1, 2, 3]
     assert outcome.status == status
+    words = {0: "done", 1: "failed", 2: "refused"}
+    table = [line.split()[:2] for line in outcome.out.splitlines() if "seed-" in line]
+    assert table == [[str(seed), words[_status(errors.get(seed))]] for seed in (1, 2, 3)]
     lines = [line for line in outcome.err.splitlines() if line.startswith("error: ")]
     assert len(lines) == len(errors)
     assert all(f"seed={seed}" in line for seed, line in zip(sorted(errors), lines, strict=True))

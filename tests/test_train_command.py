@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -10,11 +11,15 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from conftest import Outcome
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.plugins.hparams.api_pb2 import Status
+from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 from training_bodies import EVERY, Scaled, lifted, recorded, starts
 
 from pcnclaws.data.hdf5 import write_scenes
@@ -254,3 +259,32 @@ def test_a_sweep_over_the_seed_leaves_one_run_folder_a_job(
     first, second = (read_weights(path)[0] for path in weights)
     assert any(not torch.equal(weight, second[name]) for name, weight in first.items())
     assert all(load_run(path.parent).material.name == "elasticity" for path in weights)
+    assert [path.parent.name for path in weights] == ["seed-0", "seed-1"]
+    for path in weights:
+        options, metrics = _hparams(path.parent / "tensorboard")
+        errors = json.loads((path.parent / METRICS).read_text())
+        assert options["seed"] == float(path.parent.name[-1])
+        assert (options["training.iterations"], options["model.name"]) == (2, "pcnclaws")
+        assert metrics["hparams/validation_mse"] == pytest.approx(errors["training"]["validation_mse"])
+        assert metrics["hparams/test_mse"] == pytest.approx(errors["mse"])
+    table = done.out[done.out.index("sweep of 2 jobs") :]
+    assert re.search(r"seed +validation_mse \[m\^2\] +test_mse \[m\^2\] +status +output", table)
+    assert [line.split()[0::4] for line in table.splitlines() if "done" in line] == [["0", "seed-0"], ["1", "seed-1"]]
+    # the folder of the sweep may become that of a run
+    assert in_process(train, "train", *SMALL, *SHORT, f"data.trajectories={positions_only}").status == 0
+
+
+def _hparams(folder: Path) -> tuple[dict[str, Any], dict[str, float]]:
+    """The options and metrics of the one session that TensorBoard finds in a folder."""
+    events = EventAccumulator(str(folder))
+    events.Reload()
+    found = {
+        name: HParamsPluginData.FromString(summary.plugin_data.content)
+        for name, summary in events.summary_metadata.items()
+        if summary.plugin_data.plugin_name == "hparams"
+    }
+    assert found["_hparams_/session_end_info"].session_end_info.status == Status.STATUS_SUCCESS
+    options = found["_hparams_/session_start_info"].session_start_info.hparams
+    metrics = [info.name.tag for info in found["_hparams_/experiment"].experiment.metric_infos]
+    values = {name: getattr(value, value.WhichOneof("kind")) for name, value in options.items()}
+    return values, {name: events.Scalars(name)[-1].value for name in metrics}

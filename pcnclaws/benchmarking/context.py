@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 from pcnclaws.benchmarking.yardstick import Yardstick
-from pcnclaws.errors import UserError
+from pcnclaws.data.atomic import one_line_writing, replaced_file
 from pcnclaws.evaluation.provenance import commit
 from pcnclaws.laws.materials import Laws, Material
 
@@ -70,9 +70,11 @@ class Checkpointed:
         """Keeps a row, a plain value, in memory and on the disk."""
         self._lines[key] = {"key": key, "row": row, "commit": commit()}
         if self._continues:
-            _write(self.path, [self._lines[key]], "a")
+            with one_line_writing(self.path), self.path.open("ab") as file:
+                file.write(_as_text([self._lines[key]]))
         else:  # without what was left of other settings, or half written
-            _write(self.path, [{"fingerprint": self.fingerprint}, *self._lines.values()], "w")
+            with replaced_file(self.path) as part:
+                part.write(_as_text([{"fingerprint": self.fingerprint}, *self._lines.values()]))
             self._continues = True
 
 
@@ -105,10 +107,5 @@ def _lines_of(path: Path, fingerprint: str) -> dict[str, dict[str, Any]]:
     return {line["key"]: line for line in rows} if first.get("fingerprint") == fingerprint else {}
 
 
-def _write(path: Path, lines: Iterable[Mapping[str, Any]], mode: str) -> None:
-    try:
-        with path.open(mode, encoding="utf-8") as file:
-            file.writelines(json.dumps(line) + "\n" for line in lines)
-    except OSError as error:
-        reason = error.strerror or error
-        raise UserError(f"{path}: cannot be written ({reason}); accepted: a folder to write in") from error
+def _as_text(lines: Iterable[Mapping[str, Any]]) -> bytes:
+    return "".join(json.dumps(line) + "\n" for line in lines).encode()

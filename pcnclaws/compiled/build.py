@@ -7,11 +7,12 @@ import os
 import platform
 import shlex
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -116,14 +117,14 @@ def _linked(compiler: Sequence[str], work: Path, openmp: str | None) -> Path:
     openmp  PyTorch's own OpenMP library: a second one would start threads of its own, in each other's way
     """
 
-    def compiled(precision: str, number: str) -> str:
-        target = str(work / f"{precision}.o")
-        flags = [*FLAGS, *(["-fopenmp"] if openmp else []), f"-DPRECISION={precision}", f"-DNUMBER={number}"]
-        _run([*compiler, *flags, "-c", str(work / "kernels.cpp"), "-o", target])
-        return target
-
-    with ThreadPoolExecutor() as pool:
-        objects = list(pool.map(compiled, NUMBERS.keys(), NUMBERS.values()))
+    objects = [str(work / f"{precision}.o") for precision in NUMBERS]
+    common = [*compiler, *FLAGS, *(["-fopenmp"] if openmp else []), "-c", str(work / "kernels.cpp")]
+    _run(
+        *(
+            [*common, f"-DPRECISION={precision}", f"-DNUMBER={number}", "-o", target]
+            for (precision, number), target in zip(NUMBERS.items(), objects, strict=True)
+        )
+    )
     library = work / "kernels.so"
     _run([*compiler, *LINK_FLAGS, *objects, *([openmp] if openmp else []), "-o", str(library)])
     return library
@@ -166,9 +167,26 @@ def writable(folder: Path) -> Path:
     return Path(_temporary().name)
 
 
-def _run(command: Sequence[str]) -> str:
+def _run(*commands: Sequence[str]) -> str:
+    """What the first command prints; all of them run at the same time, and none outlives an interruption."""
+    with ExitStack() as stack:
+        processes = [stack.enter_context(_started(command)) for command in commands]
+        said = [process.communicate(timeout=LONGEST_COMPILATION) for process in processes]
+    for process, (out, err) in zip(processes, said, strict=True):
+        if process.returncode:
+            raise subprocess.CalledProcessError(process.returncode, process.args, out, err)
+    return said[0][0]
+
+
+@contextmanager
+def _started(command: Sequence[str]) -> Iterator[subprocess.Popen[str]]:
+    """A process that is killed, with those that it started, where the block ends before it."""
     # a compiler that the user has installed, with arguments of ours and no shell
-    done = subprocess.run(  # noqa: S603
-        list(command), capture_output=True, text=True, timeout=LONGEST_COMPILATION, check=True
-    )
-    return done.stdout
+    with subprocess.Popen(  # noqa: S603
+        list(command), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)

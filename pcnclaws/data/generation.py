@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from filelock import FileLock
 
 from pcnclaws.data.atomic import remove_partial_files, replaced_file
 from pcnclaws.data.hdf5 import read_scenes, write_scenes
+from pcnclaws.data.locks import one_after_another
 from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.sampling import SPLITS, DataSetPlan, planned_scenes
 from pcnclaws.data.scenes import SceneStart, simulate_records
@@ -52,7 +52,7 @@ def generate_data_set(
     scenes = planned_scenes(plan)
     _make_folder(folder)
     # a second process that wants the same data waits, and finds it made
-    with FileLock(folder / ".lock"):
+    with one_after_another(folder):
         _claim(folder, plan)
         missing = _missing_batches(plan, folder, scenes)
         for number, (split, batch) in enumerate(missing):
@@ -143,8 +143,8 @@ def _claim(folder: Path, plan: DataSetPlan) -> None:
     if not manifest.exists():
         if any(path.suffix == ".h5" for split in SPLITS for path in (folder / split).iterdir()):
             raise UserError(f"data.folder={folder} holds trajectories but no {MANIFEST}; accepted: a new folder")
-        with replaced_file(manifest) as temporary:
-            temporary.write_text(json.dumps(wanted, indent=2) + "\n", encoding="utf-8")
+        with replaced_file(manifest) as part:
+            part.write(f"{json.dumps(wanted, indent=2)}\n".encode())
         return
     found = _read_manifest(manifest)
     names = [name for name in sorted({*wanted, *found}) if wanted.get(name) != found.get(name)]

@@ -34,12 +34,15 @@ LISTED = 8
 def write_scenes(path: str | Path, records: Sequence[SceneRecord]) -> None:
     """Writes a trajectory file, complete or not at all; folders above it are made.
 
-    raises  UserError when the path cannot be written, ValueError when two scenes have the same name
+    The file lies in memory until it is complete, compressed, beside the records themselves.
+    raises  UserError when the path cannot be written, CannotWrite when there is no room, ValueError when two scenes
+            have the same name
     """
     names = [record.name for record in records]
     if len(set(names)) != len(names) or not names:
         raise ValueError(f"a trajectory file needs one or more scenes with different names, not {names}")
-    with replaced_file(path) as temporary, h5py.File(temporary, "w") as file:
+    # in memory: on a full disk the library crashes when the process ends
+    with replaced_file(path) as part, h5py.File(part, "w") as file:
         file.attrs["format"] = FORMAT
         file.attrs["version"] = VERSION
         scenes = file.create_group("scenes")

@@ -4,6 +4,7 @@ time, marker, x, y, z        a CSV file with this header, in seconds and metres;
 """
 
 import csv
+import io
 import logging
 import math
 from collections.abc import Mapping, Sequence
@@ -142,13 +143,15 @@ def write_table(
     digits  of the coordinates
     """
     time_digits = max(digits, TIME_DIGITS)
-    with replaced_file(path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file)
+    with replaced_file(path) as unfinished:
+        text = io.StringIO(newline="")
+        rows = csv.writer(text)
         rows.writerow(COLUMNS)
         for t, frame in zip(time.tolist(), position.tolist(), strict=True):
             for name, coordinates in zip(names, frame, strict=True):
                 cells = ("" if math.isnan(x) else f"{x:.{digits}g}" for x in coordinates)
                 rows.writerow((f"{t:.{time_digits}g}", name, *cells))
+        unfinished.write(text.getvalue().encode())
 
 
 def _read_table(path: Path) -> tuple[np.ndarray, list[str], Float[np.ndarray, "frames markers 3"]]:

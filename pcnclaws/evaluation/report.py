@@ -72,7 +72,7 @@ def write_metrics(path: Path, values: Mapping[str, Any]) -> Path:
     """Writes a JSON file, whole or not at all; what is not a finite number becomes null."""
     with replaced_file(path) as unfinished:
         text = json.dumps(_plain(values), indent=2, ensure_ascii=False, allow_nan=False)
-        unfinished.write_text(_numbers_on_one_line(text) + "\n", encoding="utf-8")
+        unfinished.write(f"{_numbers_on_one_line(text)}\n".encode())
     return path
 
 

@@ -37,7 +37,7 @@ def write_comparison(folder: Path, output: Path) -> list[Path]:
     results = read_results(folder)
     picture = draw_comparison(results, output.parent / PICTURE)
     with replaced_file(output) as part:
-        part.write_text(comparison_page(results, folder, output.parent), encoding="utf-8")
+        part.write(comparison_page(results, folder, output.parent).encode())
     return [output, *([picture] if picture else [])]
 
 

@@ -224,7 +224,7 @@ def main() -> None:
         print(fault, file=sys.stderr)
         sys.exit(2)
     with replaced_file(output) as unfinished:
-        unfinished.write_text(text, encoding="utf-8")
+        unfinished.write(text.encode())
     print(f"wrote {output}")
     if searches := compared_searches(estimates(folder)):
         print(f"wrote {searches_picture(searches, output.parent / 'images' / PICTURE)}")

@@ -52,7 +52,7 @@ def write_page(folder: Path, output: Path) -> list[Path]:
         draw_training_scenes(training_scenes(results), images / SCENES),
     ]
     with replaced_file(output) as part:
-        part.write_text(page(results, folder, output.parent), encoding="utf-8")
+        part.write(page(results, folder, output.parent).encode())
     return [output, *(picture for picture in pictures if picture)]
 
 

@@ -16,14 +16,11 @@ LAST, PREVIOUS = "last.ckpt", "previous.ckpt"
 
 
 class AtomicCheckpointIO(CheckpointIO):
-    """Writes to a temporary file and renames it; reads plain types only, so that no file can run code."""
+    """Writes a file whole or not at all; reads plain types only, so that no file can run code."""
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any | None = None) -> None:
-        path = Path(path)
-        with replaced_file(path) as part:
+        with replaced_file(path, previous=Path(path).with_name(PREVIOUS)) as part:
             torch.save(checkpoint, part)
-            if path.exists():
-                path.replace(path.with_name(PREVIOUS))
 
     def load_checkpoint(
         self, path: str | Path, map_location: Any | None = None, weights_only: bool | None = True

@@ -13,10 +13,10 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from rich.console import Console
 
 from pcnclaws.data.datamodule import CheckedDataModule
-from pcnclaws.errors import SimulationDiverged
+from pcnclaws.errors import Interrupted, SimulationDiverged, is_full
 from pcnclaws.training.budget import WallClock
 from pcnclaws.training.callbacks import BestWeights, CheckpointEachCheck, History
-from pcnclaws.training.checkpoints import AtomicCheckpointIO, newest_checkpoint
+from pcnclaws.training.checkpoints import LAST, AtomicCheckpointIO, newest_checkpoint
 from pcnclaws.training.progress import TrainingProgress
 from pcnclaws.training.watched import WatchedModule
 from pcnclaws.training.weights import law_weights
@@ -83,7 +83,7 @@ def fit(
         warnings.filterwarnings("ignore", message=".*does not have many workers.*")
         warnings.filterwarnings("ignore", message=".*treespec, LeafSpec.*")  # Lightning's own business
         try:
-            with interruptible():
+            with interruptible(checkpoints):
                 trainer.fit(module, datamodule=data, ckpt_path=checkpoint, weights_only=True)
         except SimulationDiverged as divergence:
             if not best.weights:
@@ -99,13 +99,25 @@ def fit(
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
-    """Lets Ctrl-C through, which Lightning turns into an exit of the process without a word of what happened."""
+def interruptible(checkpoints: Path) -> Iterator[None]:
+    """Notes what was kept of a fit that is interrupted, and which file it was that found no room.
+
+    Lets Ctrl-C through, which Lightning turns into an exit of the process without a word of what happened.
+    """
     try:
         yield
     except SystemExit as end:
         if isinstance(end.__context__, KeyboardInterrupt):
             raise end.__context__ from None
+        raise
+    except Interrupted as end:
+        kept = checkpoints / LAST
+        if kept.is_file():
+            end.add_note(f"the same command goes on from {kept}")
+        raise
+    except OSError as error:
+        if is_full(error) and error.filename is None:  # checkpoints say themselves what they are
+            error.filename = str(checkpoints.with_name("tensorboard"))
         raise
 
 

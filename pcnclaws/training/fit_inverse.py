@@ -41,7 +41,7 @@ def fit_inverse(module: InverseModule, folder: Path, console: Console) -> None:
         warnings.filterwarnings("ignore", message=".*does not have many workers.*")
         warnings.filterwarnings("ignore", message=".*configure_optimizers. returned .None.*")
         warnings.filterwarnings("ignore", message=".*treespec, LeafSpec.*")
-        with interruptible():
+        with interruptible(checkpoints):
             trainer.fit(module, DataLoader(_Once()), ckpt_path=newest_checkpoint(checkpoints), weights_only=True)
 
 

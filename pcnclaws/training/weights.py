@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from pcnclaws.data.atomic import replaced_file
@@ -40,11 +40,8 @@ def set_law_weights(laws: Model, weights: dict[str, Tensor], source: str) -> Non
 def write_weights(path: Path, weights: dict[str, Tensor], notes: dict[str, Any]) -> None:
     """Writes a weights file, whole or not at all. notes: plain values kept as JSON text in the file's header."""
     with replaced_file(path) as part:
-        save_file(
-            {name: weight.contiguous() for name, weight in weights.items()},
-            part,
-            {"pcnclaws": json.dumps(notes, sort_keys=True)},
-        )
+        tensors = {name: weight.contiguous() for name, weight in weights.items()}
+        part.write(save(tensors, {"pcnclaws": json.dumps(notes, sort_keys=True)}))
 
 
 def read_weights(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
