@@ -43,6 +43,12 @@ def is_full(error: OSError) -> bool:
     return error.errno in NO_ROOM
 
 
+def reason(error: OSError) -> str:
+    """What the operating system says, as the end of a sentence."""
+    text = error.strerror or str(error)
+    return f"{text[:1].lower()}{text[1:]}"
+
+
 def unknown_name(option: str, name: object, known: Iterable[str]) -> UserError:
     """The error for a name that is not in a table, with the nearest known name when one is close."""
     choices = sorted(known)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
@@ -64,7 +65,7 @@ def evaluate(config: DictConfig) -> Mapping[str, float | None]:
         "trajectories": config.trajectories,
     }
     origin = provenance(config.seed, device_from(config)) | {"precision": config.precision}
-    values = metrics(outcomes, curves=config.task.name != MAP) | ({"floor": floors} if floors else {})
+    values: dict[str, Any] = metrics(outcomes, curves=config.task.name != MAP) | ({"floor": floors} if floors else {})
     write_metrics(output, source | values | {"provenance": origin})
     print(f"wrote {output}")
     return {

@@ -37,7 +37,7 @@ from pcnclaws.composition import (
     register_resolvers,
     task_overrides,
 )
-from pcnclaws.errors import CannotWrite, Interrupted, SimulationDiverged, UserError, is_full
+from pcnclaws.errors import CannotWrite, Interrupted, SimulationDiverged, UserError, is_full, reason
 from pcnclaws.folder_names import swept_options
 from pcnclaws.signals import signals_end_it
 from pcnclaws.sweeps import Job, sweep_table
@@ -156,7 +156,7 @@ class Jobs:
         self.status = max(self.status, status)
         text = " ".join(str(error).split())
         if isinstance(error, OSError) and is_full(error):
-            text = f"{error.filename or 'a file'} cannot be written ({error.strerror.lower()})"
+            text = f"{error.filename or 'a file'} cannot be written ({reason(error)})"
         elif not isinstance(error, (UserError, SimulationDiverged, CannotWrite)):
             traceback.print_exception(error)
             text = f"unexpected {type(error).__name__}: {text}"

@@ -41,7 +41,7 @@ def sweep_table(jobs: Sequence[Job], swept: Sequence[str]) -> Table:
     table.add_column("status")
     table.add_column("output", overflow="fold")
     for job in jobs:
-        values = dict(override.partition("=")[::2] for override in job.overrides)
+        values = {name.lstrip("+"): value for name, _, value in (one.partition("=") for one in job.overrides)}
         chosen = [escape(values.get(option, "")) for option in swept]
         table.add_row(
             *chosen,

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 
-from pcnclaws.errors import CannotWrite, UserError, is_full
+from pcnclaws.errors import CannotWrite, UserError, is_full, reason
 
 PARTIAL_SUFFIX = ".partial"
 
@@ -46,11 +46,9 @@ def one_line_writing(path: str | Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = error.strerror or str(error)
-        reason = f"{reason[:1].lower()}{reason[1:]}"
         if is_full(error):
-            raise CannotWrite(f"{path} cannot be written ({reason})") from error
-        raise UserError(f"{path}: cannot be written ({reason}); accepted: the path of a file") from error
+            raise CannotWrite(f"{path} cannot be written ({reason(error)})") from error
+        raise UserError(f"{path}: cannot be written ({reason(error)}); accepted: the path of a file") from error
 
 
 def remove_partial_files(folder: Path) -> None:
