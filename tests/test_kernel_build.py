@@ -1,12 +1,14 @@
 """How the kernels come to be: without a compiler, compiled once, kept, and made anew when damaged."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from conftest import Outcome
+from filelock import FileLock
 
-from pcnclaws.compiled.build import find_compiler
+from pcnclaws.compiled.build import _library_file, cache_folder, find_compiler
 
 
 def test_without_a_compiler_one_line_says_that_pytorch_runs(
@@ -45,3 +47,16 @@ def test_compiled_once_and_kept(
     assert damaged.status == 0
     assert "could not be made" in damaged.err or "compiling" in damaged.err
     assert "compiling the C++ kernels" in command("simulate", *options).err
+
+
+@pytest.mark.skipif(find_compiler() is None, reason="needs a C++ compiler")
+def test_kernels_that_are_there_do_not_wait_for_a_process_that_compiles_others(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    compiler = find_compiler() or ()
+    kept = _library_file(compiler)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    cache_folder().mkdir(mode=0o700)
+    shutil.copy(kept, cache_folder())
+    with FileLock(cache_folder() / "kernels.lock"):
+        assert _library_file(compiler) == cache_folder() / kept.name

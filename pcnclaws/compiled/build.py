@@ -87,6 +87,8 @@ def _library_file(compiler: Sequence[str]) -> Path:
         key.update(source.read_bytes())
     folder = writable(cache_folder())
     library = folder / f"kernels-{key.hexdigest()[:20]}.so"
+    if library.exists():  # no need to wait for a process that compiles other sources
+        return library
     with FileLock(folder / "kernels.lock"):
         if not library.exists():
             with tempfile.TemporaryDirectory(dir=folder) as work:
