@@ -242,7 +242,7 @@ def test_parts_of_a_table_that_are_not_used_are_named(text, message, tmp_path, c
         (f"{HEADER}0,a,.5,.5,.5\n1e-5,a,.5,.5,.5\n", "less than one|steps of"),
         (
             HEADER + "".join(f"0,m{k},{1e-3 * k},0.001,0.001\n" for k in range(9)) + "1,m0,0,0,0\n",
-            "the markers span 0.008 m and the body 0.3 m: in another unit",
+            "the markers span 0.008 m and the body 0.24 m: in another unit",
         ),
     ],
 )
