@@ -13,8 +13,9 @@ from pcnclaws.options import is_free
 LONGEST_NAME = 100
 # What `name` of a training is made of: the last of these groups that is chosen names the run folder.
 NAMING = (("debug",), ("experiment",), ("material", "model", "regime"))
-# What a name shows as it is written, but for the brackets of a list.
-PLAIN = re.compile(r"[\w.,\[\]+-]*", re.ASCII)
+# What a name shows as it is written, but for the brackets of a list. A point is that of a number: what ends in .h5 is
+# no folder.
+PLAIN = re.compile(r"([\w,\[\]+-]|\.(?=\d))*", re.ASCII)
 
 
 class FolderNames(NamedTuple):
@@ -70,5 +71,5 @@ def _name(overrides: Iterable[Override]) -> str:
 def _value(override: Override) -> str:
     """A value in letters that every shell and file system takes; with a digest where others were left out."""
     text = override.get_value_element_as_str()
-    short = re.sub(r"[^A-Za-z0-9.+-]+", "_", text).strip("_").replace("+", "")
+    short = re.sub(r"[^A-Za-z0-9.+-]+|\.(?!\d)", "_", text).strip("_").replace("+", "")
     return short if PLAIN.fullmatch(text) else f"{short}-{sha256(text.encode()).hexdigest()[:6]}"

@@ -29,11 +29,13 @@ def test_a_training_that_differs_has_a_folder_of_its_own() -> None:
             ("precision=float64",),
             ("data.trajectories=a/b.h5",),
             ("data.trajectories=a_b.h5",),
+            ("data.trajectories=a_b_h5",),
             ("simulation.gravity=[0,-9.8,0]",),
             ("simulation.gravity=[0,-9.8,1]",),
             ("debug=fast",),
         )
     ]
+    assert not any(name.endswith(".h5") for name in others), "the ending of a file is refused"
     others.append(folder_names(["debug=fast", "experiment=elasticity_multi"]).apart)
     assert len({"", *others}) == len(others) + 1
 
