@@ -135,12 +135,14 @@ def test_every_switch_is_tried_alone_and_all_together() -> None:
         (["problem=skips", "problem.switches=[rset]"], "did you mean 'rest'"),
         (["redraw=missing.json"], "redraw=missing.json cannot be read"),
         (["redraw=other.json"], "redraw=other.json holds no results of problem=step_cost"),
-        (["output=other.json"], "output=other.json: other.json is a file; accepted: a folder"),
+        (["output=other.json"], "output=other.json ends like a file of another format"),
+        (["output=other"], "output=other: other is a file; accepted: a folder"),
         (["threads=0"], "threads=0"),
     ],
 )
 def test_wrong_input_is_one_line_and_exit_2(arguments: list[str], message: str, in_process, tmp_path: Path) -> None:
     (tmp_path / "other.json").write_text('{"problem": "scaling", "results": {}}')
+    (tmp_path / "other").touch()
     outcome = in_process(
         benchmark, "benchmark", *([] if arguments[0].startswith("output") else ["output=o"]), *arguments
     )

@@ -17,6 +17,7 @@ def test_without_a_compiler_one_line_says_that_pytorch_runs(
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CXX", raising=False)
     options = ("material=elasticity", "simulation.steps=2", "simulation.every=2", "scene.particles_per_edge=3")
+    options = (*options, "scene.side=0.15")
     done = command("simulate", *options, "picture=false", "output=x.h5")
     assert done.status == 0
     assert done.err.count("\n") == 1
@@ -34,7 +35,7 @@ def test_compiled_once_and_kept(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "a cache"))
     options = ("material=elasticity", "simulation.steps=2", "simulation.every=2", "scene.particles_per_edge=3")
-    options = (*options, "picture=false", "output=x.h5", "simulation.skip=none")
+    options = (*options, "scene.side=0.15", "picture=false", "output=x.h5", "simulation.skip=none")
     first = command("simulate", *options)
     assert "compiling the C++ kernels" in first.err
     assert first.status == 0
