@@ -220,7 +220,9 @@ def test_a_time_step_is_refused_above_the_limit_of_its_material_alone(material: 
     check_time_step(SimulationSettings(0.999 * limit), parameters, speed, material)
     with pytest.raises(UserError) as caught:
         check_time_step(SimulationSettings(1.001 * limit), parameters, speed, material)
-    assert f"accepted: at most {limit:.3g} s" in str(caught.value)
+    # rounded down, so that the step that is named is accepted
+    named = float(str(caught.value).partition("accepted: at most ")[2].partition(" s")[0])
+    assert 0.995 * limit < named <= limit
     assert "youngs_modulus at most" in time_step_limit(SimulationSettings(limit), parameters, speed, material)
 
 
@@ -238,7 +240,7 @@ def tiny_options(*more: str) -> dict[str, Any]:
 
 
 def test_an_interrupted_map_goes_on_where_it_was(tmp_path: Path) -> None:
-    options = tiny_options("problem.materials=[elasticity]")
+    options = tiny_options() | {"materials": ["elasticity"]}
     with pytest.raises(KeyboardInterrupt):
         stability.run(options, context_for(tmp_path, interrupt_at=3))
     partial = tmp_path / "stability.partial.jsonl"
