@@ -27,11 +27,11 @@ test-all: $(INSTALLED) ## run all tests that need no GPU
 
 # PyTorch warns of its own means of finding what waits for the GPU.
 test-gpu: $(INSTALLED) ## run the tests that need a GPU
-	$(RUN) pytest -m gpu -W default tests/test_cuda_graphs.py tests/test_gpu_kernels.py
+	$(RUN) pytest -m gpu -W default tests
 
 tables: $(INSTALLED) ## write the pages of results from the JSON files in docs/results
-	$(RUN) pcnclaws.results_page docs/results/accuracy docs/results.md docs/results/baselines docs/comparison.md
-	$(RUN) pcnclaws.results_page.estimation docs/results/estimation docs/estimation_results.md
+	$(RUN) benchmarks.pages docs/results/accuracy docs/results.md docs/results/baselines docs/comparison.md
+	$(RUN) benchmarks.pages.estimates docs/results/estimation docs/estimation_results.md
 
 lint: $(INSTALLED) ## check style, types and the direction of imports
 	$(VENV)/bin/ruff check
@@ -39,13 +39,13 @@ lint: $(INSTALLED) ## check style, types and the direction of imports
 	$(VENV)/bin/pyright
 	$(VENV)/bin/lint-imports
 
-include accuracy.mk
-include estimation.mk
-include baselines.mk
+include benchmarks/accuracy.mk
+include benchmarks/estimation.mk
+include benchmarks/baselines.mk
 
 clean: ## remove caches and built packages; keeps .venv and outputs
 	rm -rf build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache
-	find pcnclaws tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find pcnclaws benchmarks tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # A set-up that was interrupted leaves INSTALLING behind, and the next one starts afresh. Modules are compiled when they
 # are first used, which is a minute less than compiling all of them.

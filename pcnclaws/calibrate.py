@@ -2,20 +2,20 @@
 
 from omegaconf import DictConfig
 
-from pcnclaws import launcher
-from pcnclaws.configuration import material_from, use_processor, whole_number
+from pcnclaws.commands import launcher
+from pcnclaws.commands.configuration import material_from, use_processor, whole_number
+from pcnclaws.commands.outputs import RESULT, output_file
+from pcnclaws.commands.progress_bar import progress_bar
+from pcnclaws.commands.runs import law_folder, laws_for
 from pcnclaws.data.sampling import DataSetPlan, draw_motions, draw_parameters
-from pcnclaws.data.scenes import SceneStart, simulate_records
-from pcnclaws.data.shapes import spin_velocity
 from pcnclaws.errors import UserError
 from pcnclaws.estimation.law_error import CALIBRATION, calibrated_error, known_law_error
 from pcnclaws.estimation.uncertainty import QUANTILE_95
-from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import write_metrics
+from pcnclaws.geometry.shapes import spin_velocity
 from pcnclaws.laws.materials import Material, analytic_laws
-from pcnclaws.outputs import RESULT, output_file
-from pcnclaws.progress import progress_bar
-from pcnclaws.runs import law_folder, laws_for
+from pcnclaws.provenance import provenance
+from pcnclaws.simulation.scenes import SceneStart, simulate_records
 
 # With it, the draws are apart from those of data sets.
 STREAM = 9

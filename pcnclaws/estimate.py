@@ -11,36 +11,36 @@ import yaml
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from pcnclaws import launcher
-from pcnclaws.configuration import (
+from pcnclaws.atomic import replaced_file
+from pcnclaws.commands import launcher
+from pcnclaws.commands.configuration import (
     material_from,
     observation_from,
     precision_from,
     skips_from,
     use_processor,
 )
-from pcnclaws.data.atomic import replaced_file
+from pcnclaws.commands.estimation_report import leave_estimation_pictures, result_table, result_values, verdicts
+from pcnclaws.commands.estimation_setup import estimator_from, guess_from, noise_from, start_from_guess, unknowns_from
+from pcnclaws.commands.outputs import RESULT, output_file
+from pcnclaws.commands.runs import law_folder, laws_for, load_run, outside_training_data
 from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.locks import written_alone
 from pcnclaws.data.observation_files import stored_truth
-from pcnclaws.data.scenes import simulate_records
-from pcnclaws.data.spacing import warn_of_sparse_particles
 from pcnclaws.errors import UserError
-from pcnclaws.estimation.fit import Fit, fit_of
+from pcnclaws.estimation.goodness_of_fit import Fit, fit_of
+from pcnclaws.estimation.inverse import InverseModule
+from pcnclaws.estimation.inverse_search import fit_inverse
 from pcnclaws.estimation.law_error import known_law_error
 from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.uncertainty import Uncertainty, uncertainty
 from pcnclaws.estimation.unknowns import Unknowns
-from pcnclaws.estimation_report import leave_estimation_pictures, result_table, result_values, verdicts
-from pcnclaws.estimation_setup import estimator_from, guess_from, noise_from, start_from_guess, unknowns_from
-from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import write_metrics
 from pcnclaws.laws.materials import Laws, Material
-from pcnclaws.outputs import RESULT, output_file
-from pcnclaws.runs import law_folder, laws_for, load_run, outside_training_data
-from pcnclaws.training.fit import quiet_lightning
-from pcnclaws.training.fit_inverse import fit_inverse
-from pcnclaws.training.inverse import InverseModule
+from pcnclaws.provenance import provenance
+from pcnclaws.simulation.particle_spacing import warn_of_sparse_particles
+from pcnclaws.simulation.scenes import simulate_records
+from pcnclaws.training.trainer import quiet_lightning
 
 PLAIN_WIDTH = 120
 # Options that do not change what a search does: an interrupted one goes on under others.

@@ -7,19 +7,19 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from pcnclaws import launcher
-from pcnclaws.configuration import (
+from pcnclaws.commands import launcher
+from pcnclaws.commands.configuration import (
     device_from,
     material_from,
     precision_from,
     skips_from,
     use_processor,
 )
+from pcnclaws.commands.outputs import RESULT, output_file
+from pcnclaws.commands.progress_bar import progress_bar
+from pcnclaws.commands.runs import model_for
 from pcnclaws.data.first_motion import name_contradictions
 from pcnclaws.data.hdf5 import read_scenes
-from pcnclaws.data.motion import Model
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import SceneStart, start_of
 from pcnclaws.data.units import check_record
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.evaluation.builtin import builtin_task, paper_errors, true_records
@@ -27,14 +27,14 @@ from pcnclaws.evaluation.divergence import DivergedScene, survivors
 from pcnclaws.evaluation.floor import floor
 from pcnclaws.evaluation.frames import in_automatic_time_step
 from pcnclaws.evaluation.gallery import leave_map, leave_pictures, leave_sheet
-from pcnclaws.evaluation.provenance import provenance
 from pcnclaws.evaluation.report import Outcomes, metrics, results_table, survived, write_metrics
 from pcnclaws.evaluation.tasks import evaluate_records, require_material, steps_to_run
 from pcnclaws.laws.materials import Material
-from pcnclaws.outputs import RESULT, output_file
-from pcnclaws.progress import progress_bar
-from pcnclaws.runs import model_for
-from pcnclaws.time_step import divergence_advice, largest_speed, scene_cfl, stable_cfl, time_step_limit
+from pcnclaws.provenance import provenance
+from pcnclaws.simulation.motion import Model
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import SceneStart, start_of
+from pcnclaws.simulation.time_step import divergence_advice, largest_speed, scene_cfl, stable_cfl, time_step_limit
 
 FLOOR_WORDS = {"float64": "analytic law in double precision", "half_step": "and with half the time step"}
 # Width of the table where the output is not a terminal.

@@ -4,10 +4,10 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from pcnclaws import launcher
-from pcnclaws.configuration import use_processor
+from pcnclaws.commands import launcher
+from pcnclaws.commands.configuration import use_processor
+from pcnclaws.commands.data_sets import ready_data_set
 from pcnclaws.data.generation import read_split
-from pcnclaws.data_sets import ready_data_set
 from pcnclaws.rendering.contact_sheet import contact_sheet
 
 PICTURE = "data_set.png"

@@ -9,15 +9,15 @@ import numpy as np
 from jaxtyping import Float
 from omegaconf import DictConfig
 
-from pcnclaws import launcher
-from pcnclaws.configuration import whole_number
+from pcnclaws.commands import launcher
+from pcnclaws.commands.configuration import whole_number
+from pcnclaws.commands.outputs import TABLE, output_file
 from pcnclaws.data.hdf5 import read_scenes, scene_names
 from pcnclaws.data.markers import surface_particles
 from pcnclaws.data.observation_files import DOUBLE_DIGITS, SINGLE_DIGITS, write_table
-from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import UserError
-from pcnclaws.outputs import TABLE, output_file
 from pcnclaws.rendering.pictures import picture_path, trajectory_picture
+from pcnclaws.simulation.records import SceneRecord
 
 
 def observe(config: DictConfig) -> None:

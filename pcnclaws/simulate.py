@@ -5,8 +5,8 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from pcnclaws import launcher
-from pcnclaws.configuration import (
+from pcnclaws.commands import launcher
+from pcnclaws.commands.configuration import (
     device_from,
     material_from,
     precision_from,
@@ -15,16 +15,16 @@ from pcnclaws.configuration import (
     use_processor,
     whole_number,
 )
+from pcnclaws.commands.outputs import TRAJECTORY, output_file
+from pcnclaws.commands.progress_bar import progress_bar
+from pcnclaws.commands.runs import laws_for
 from pcnclaws.data.hdf5 import write_scenes
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import SceneStart, simulate_records
-from pcnclaws.data.spacing import particles_a_cell, warn_of_sparse_particles
 from pcnclaws.errors import SimulationDiverged, UserError
-from pcnclaws.outputs import TRAJECTORY, output_file
-from pcnclaws.progress import progress_bar
 from pcnclaws.rendering.pictures import picture_path, trajectory_picture
-from pcnclaws.runs import laws_for
-from pcnclaws.time_step import check_time_step, divergence_advice, largest_speed
+from pcnclaws.simulation.particle_spacing import particles_a_cell, warn_of_sparse_particles
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import SceneStart, simulate_records
+from pcnclaws.simulation.time_step import check_time_step, divergence_advice, largest_speed
 
 log = logging.getLogger(__name__)
 

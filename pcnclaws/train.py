@@ -11,26 +11,33 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from pcnclaws import launcher
 from pcnclaws.baselines.identified import identified_values
-from pcnclaws.configuration import device_from, material_from, precision_from, skips_from, use_processor, whole_number
+from pcnclaws.commands import launcher
+from pcnclaws.commands.configuration import (
+    device_from,
+    material_from,
+    precision_from,
+    skips_from,
+    use_processor,
+    whole_number,
+)
+from pcnclaws.commands.data_sets import ready_data_set
+from pcnclaws.commands.models import build_model
+from pcnclaws.commands.options import is_free, leaves
+from pcnclaws.commands.outputs import check_ending
+from pcnclaws.commands.runs import METRICS, WEIGHTS, is_finished, run_errors, start_run
+from pcnclaws.commands.training_report import Report, against_untrained, write_report
+from pcnclaws.commands.training_setup import Setup, check_training, regime_from, setup
+from pcnclaws.commands.training_start import settled_start
 from pcnclaws.data.locks import written_alone
-from pcnclaws.data.motion import Model
-from pcnclaws.data_sets import ready_data_set
 from pcnclaws.errors import UserError
-from pcnclaws.evaluation.provenance import commit
 from pcnclaws.laws.materials import Laws
-from pcnclaws.models import build_model
-from pcnclaws.options import is_free, leaves
-from pcnclaws.outputs import check_ending
-from pcnclaws.runs import METRICS, WEIGHTS, is_finished, run_errors, start_run
-from pcnclaws.training.fit import FitResult, fit, quiet_lightning
+from pcnclaws.provenance import commit
+from pcnclaws.simulation.motion import Model
 from pcnclaws.training.hyperparameters import log_hyperparameters
 from pcnclaws.training.sources import TrainingScenes, for_regime, generated_scenes, own_scenes
+from pcnclaws.training.trainer import FitResult, fit, quiet_lightning
 from pcnclaws.training.weights import set_law_weights, write_weights
-from pcnclaws.training_report import Report, against_untrained, write_report
-from pcnclaws.training_setup import Setup, check_training, regime_from, setup
-from pcnclaws.training_start import settled_start
 
 # Width of what is printed where the output is not a terminal.
 PLAIN_WIDTH = 120

@@ -10,7 +10,7 @@ from pcnclaws.laws.materials import analytic_laws, material_named
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.simulator import Simulator
+from pcnclaws.simulation.simulator import Simulator
 
 CENTRE = (0.5, 0.5, 0.5)
 NO_GRAVITY = (0.0, 0.0, 0.0)

@@ -13,7 +13,7 @@ from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.simulator import Simulator
+from pcnclaws.simulation.simulator import Simulator
 
 MATERIALS = ("elasticity", "plasticine", "sand", "neo_hookean", "tresca")
 MODELS = {"neural": "pcnclaws", "free flow": "pcnclaws_free_flow", "no prior": "pcnclaws_no_prior"}

@@ -11,8 +11,8 @@ import pytest
 import torch
 from omegaconf import DictConfig
 
-from pcnclaws import launcher
-from pcnclaws.backend import using_backend
+from pcnclaws.commands import launcher
+from pcnclaws.compiled.backend import using_backend
 from pcnclaws.compiled.build import find_compiler
 
 os.environ["OMP_NUM_THREADS"] = "1"

@@ -7,15 +7,15 @@ import numpy as np
 import torch
 from bodies import EARTH, joined, lattice, per_particle
 
-from pcnclaws.data.scenes import simulator_of
 from pcnclaws.laws.materials import MATERIALS, Laws, analytic_laws
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.recording import FramePlan, Trajectory
-from pcnclaws.rollout import simulate_scenes
-from pcnclaws.simulator import Simulator
-from pcnclaws.skips import Skips
+from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.recording import FramePlan, Trajectory
+from pcnclaws.simulation.rollout import simulate_scenes
+from pcnclaws.simulation.scenes import simulator_of
+from pcnclaws.simulation.simulator import Simulator
 
 SETTINGS = SimulationSettings(time_step=1e-3, grid_nodes=12)
 PARTICLES, SIDE = 27, 0.2

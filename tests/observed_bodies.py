@@ -9,11 +9,11 @@ from recorded_scenes import small_cube
 
 from pcnclaws.data.observation import Observation
 from pcnclaws.data.observation_files import from_record
-from pcnclaws.data.scenes import SceneStart, simulate_records
 from pcnclaws.estimation.levenberg_marquardt import LevenbergMarquardt
 from pcnclaws.estimation.problem import EstimationProblem, Linearisation
 from pcnclaws.estimation.unknowns import Unknowns, components_of, make_unknowns
 from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.simulation.scenes import SceneStart, simulate_records
 
 TRUTH = {
     "elasticity": {"youngs_modulus": 1e5, "poissons_ratio": 0.25},

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import SceneStart, simulate_records
 from pcnclaws.laws.elasticity import StVKHencky
 from pcnclaws.laws.materials import MATERIALS, Laws, analytic_laws
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import SceneStart, simulate_records
 
 SAND = {"youngs_modulus": 3e5, "poissons_ratio": 0.2, "friction_angle": 30.0}
 ELASTIC = {"youngs_modulus": 1e5, "poissons_ratio": 0.3}

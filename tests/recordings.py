@@ -6,8 +6,8 @@ import h5py
 import numpy as np
 
 from pcnclaws.data.hdf5 import write_scenes
-from pcnclaws.data.records import Keyframes, SceneRecord
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.records import Keyframes, SceneRecord
 
 SAND = {"youngs_modulus": 3e5, "poissons_ratio": 0.2, "friction_angle": 30.0}
 

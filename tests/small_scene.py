@@ -5,7 +5,7 @@ from bodies import analytic_simulator, lattice, one_scene, per_particle, seeded,
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.rollout import Step
+from pcnclaws.simulation.rollout import Step
 
 PARTICLES = 27
 

@@ -9,11 +9,11 @@ import pytest
 from observed_bodies import TRUTH, start
 
 from pcnclaws.data.hdf5 import read_scenes, write_scenes
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import simulate_records
 from pcnclaws.estimate import estimate
+from pcnclaws.estimation.inverse import InverseModule
 from pcnclaws.laws.materials import MATERIALS, analytic_laws
-from pcnclaws.training.inverse import InverseModule
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import simulate_records
 
 # PyTorch warns of its own use of torch.jit when it loads forward mode
 pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")

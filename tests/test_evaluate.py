@@ -10,9 +10,9 @@ import torch
 from recorded_scenes import SAND, moved, recorded, small_cube
 
 from pcnclaws.data.hdf5 import write_scenes
-from pcnclaws.data.records import SceneRecord
 from pcnclaws.evaluate import evaluate
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.records import SceneRecord
 
 
 @pytest.fixture(scope="module")

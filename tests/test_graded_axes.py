@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from pcnclaws.backend import using_backend
 from pcnclaws.compiled import gpu
+from pcnclaws.compiled.backend import using_backend
 from pcnclaws.compiled.build import find_compiler
-from pcnclaws.compiled.laws import fallbacks
+from pcnclaws.compiled.isotropic_laws import fallbacks
 from pcnclaws.laws.base import Elasticity, Law
 from pcnclaws.laws.elasticity import FixedCorotated, StVKHencky
 from pcnclaws.laws.materials import material_named

@@ -9,11 +9,11 @@ from recorded_scenes import small_cube
 from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.markers import surface_particles
 from pcnclaws.data.observation_files import from_table
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import simulate_records
-from pcnclaws.data.shapes import PointCloud, particles
+from pcnclaws.geometry.shapes import PointCloud, particles
 from pcnclaws.laws.materials import MATERIALS, analytic_laws
 from pcnclaws.observe import observe
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import simulate_records
 
 
 @pytest.fixture(scope="module")

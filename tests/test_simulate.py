@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcnclaws.composition import compose_config
+from pcnclaws.commands.composition import compose_config
 from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.errors import UserError
 from pcnclaws.simulate import simulate

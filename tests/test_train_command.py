@@ -21,12 +21,12 @@ from conftest import Outcome
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from training_bodies import EVERY, Scaled, lifted, recorded, starts
 
+from pcnclaws.commands.runs import CONFIG, METRICS, WEIGHTS, load_run
 from pcnclaws.data.hdf5 import write_scenes
-from pcnclaws.data.scenes import simulate_records
 from pcnclaws.laws.elasticity import NeoHookean, StVKHencky
 from pcnclaws.laws.materials import Laws
 from pcnclaws.laws.neural import build_neural_laws
-from pcnclaws.runs import CONFIG, METRICS, WEIGHTS, load_run
+from pcnclaws.simulation.scenes import simulate_records
 from pcnclaws.train import train
 from pcnclaws.training.checkpoints import LAST, PREVIOUS, newest_checkpoint
 from pcnclaws.training.weights import law_weights, read_weights

@@ -7,12 +7,12 @@ import numpy as np
 import torch
 from torch import nn
 
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import SceneStart, simulate_records
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.elasticity import FixedCorotated
 from pcnclaws.laws.materials import Laws
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import SceneStart, simulate_records
 from pcnclaws.tensor_types import Matrices, Parameters
 
 SETTINGS = SimulationSettings(time_step=1e-3, grid_nodes=12)

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.pages.estimates import TRUTHS
 from pcnclaws.data.hdf5 import write_scenes
-from pcnclaws.data.scenes import SceneStart, simulate_records
-from pcnclaws.data.shapes import particles, spin_velocity
+from pcnclaws.geometry.shapes import particles, spin_velocity
 from pcnclaws.laws.materials import MATERIALS, analytic_laws
 from pcnclaws.mpm.settings import SimulationSettings
-from pcnclaws.results_page.estimation import TRUTHS
+from pcnclaws.simulation.scenes import SceneStart, simulate_records
 
 
 def several_bodies() -> SceneStart:

@@ -12,11 +12,11 @@ from torch.utils.data import Dataset
 from pcnclaws.baselines.graph_network import GraphNetwork
 from pcnclaws.baselines.graphs import graph_of
 from pcnclaws.baselines.windows import FRAMES, WindowDataset, Windows, before_start, recorded_motion
-from pcnclaws.data.motion import MotionModel
-from pcnclaws.data.records import TIME_TOLERANCE, SceneRecord
-from pcnclaws.data.scenes import SceneStart
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.laws.materials import Material
+from pcnclaws.simulation.motion import MotionModel
+from pcnclaws.simulation.records import TIME_TOLERANCE, SceneRecord
+from pcnclaws.simulation.scenes import SceneStart
 
 # Velocities of five frames, and the distances from six walls.
 INPUTS = 3 * (FRAMES - 1) + 6

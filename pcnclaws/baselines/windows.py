@@ -10,9 +10,9 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from pcnclaws.baselines.graphs import Graph, graph_of, joined
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import SceneStart, start_of
 from pcnclaws.errors import UserError
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import SceneStart, start_of
 
 # Frames that the network sees: five velocities.
 FRAMES = 6

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from pcnclaws.compiled import gpu
-from pcnclaws.compiled.kernels import address, call
+from pcnclaws.compiled.calls import address, call
 from pcnclaws.tensor_types import ParticleMask
 
 

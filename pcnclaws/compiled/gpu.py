@@ -8,8 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from pcnclaws.compiled.calls import address
 from pcnclaws.compiled.gpu_build import Kernels, kernels_of
-from pcnclaws.compiled.kernels import address
 from pcnclaws.compiled.structures import LAYERS, Bodies, Settings, Weights
 
 NUMBERS = {torch.float32: "float", torch.float64: "double"}
@@ -68,7 +68,7 @@ class LawGradients(NamedTuple):
 
 
 def law_forward(law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> Tensor:
-    """The law, as isotropic_law in pcnclaws/compiled/laws.py; all tensors contiguous."""
+    """The law, as isotropic_law in pcnclaws/compiled/isotropic_laws.py; all tensors contiguous."""
     result = torch.empty_like(deformation)
     kernels = _LawKernels(law, deformation, parameters, weights)
     kernels.start("law_forward", deformation.shape[2], address(result))

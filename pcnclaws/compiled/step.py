@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from pcnclaws.compiled import gpu
-from pcnclaws.compiled.kernels import addresses, call, carries_rates, derivatives_wanted, require_first_derivative
+from pcnclaws.compiled.calls import addresses, call, carries_rates, derivatives_wanted, require_first_derivative
 from pcnclaws.compiled.structures import Bodies, Settings
 
 MoreTensors = tuple[Tensor | None, ...]

@@ -8,9 +8,9 @@ from lightning.pytorch import LightningDataModule
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from pcnclaws.data.dataset import SegmentDataset
-from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.segments import SegmentPlan
 from pcnclaws.errors import UserError
+from pcnclaws.simulation.records import SceneRecord
 
 
 class EpochSampler(Sampler[int]):

@@ -9,11 +9,11 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import batch_scenes, group_by_settings, join_positions
 from pcnclaws.data.segments import SegmentGroup, SegmentPlan, notes_on_free_flight
 from pcnclaws.data.timeline import Timeline
 from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import batch_scenes, group_by_settings, join_positions
 
 
 class SegmentBatch(NamedTuple):

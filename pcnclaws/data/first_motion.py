@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
-from pcnclaws.data.records import SceneRecord
+from pcnclaws.simulation.records import SceneRecord
 
 log = logging.getLogger(__name__)
 

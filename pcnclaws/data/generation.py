@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 import torch
 
-from pcnclaws.data.atomic import remove_partial_files, replaced_file
+from pcnclaws.atomic import remove_partial_files, replaced_file
 from pcnclaws.data.hdf5 import read_scenes, write_scenes
 from pcnclaws.data.locks import one_after_another
-from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.sampling import SPLITS, DataSetPlan, planned_scenes
-from pcnclaws.data.scenes import SceneStart, simulate_records
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import analytic_laws
-from pcnclaws.skips import Skips
+from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import SceneStart, simulate_records
 
 MANIFEST = "data_set.json"
 # Raised whenever the same plan would give other data, so that older data is not taken for it.

@@ -11,12 +11,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from pcnclaws.data.atomic import replaced_file
+from pcnclaws.atomic import replaced_file
 from pcnclaws.data.guarded_hdf5 import GuardedGroup, check_heaps, one_line_faults
-from pcnclaws.data.records import LARGEST_VOLUME, Keyframes, SceneRecord
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.laws.parameters import PARAMETERS, validate_parameters
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.records import LARGEST_VOLUME, Keyframes, SceneRecord
 
 log = logging.getLogger(__name__)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from pcnclaws.data.atomic import one_line_writing
+from pcnclaws.atomic import one_line_writing
 from pcnclaws.errors import UserError
 
 log = logging.getLogger(__name__)

@@ -14,17 +14,17 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from pcnclaws.data.atomic import replaced_file
+from pcnclaws.atomic import replaced_file
 from pcnclaws.data.first_motion import name_contradictions
 from pcnclaws.data.hdf5 import read_scenes, scene_names
 from pcnclaws.data.markers import followed_particles
 from pcnclaws.data.observation import Observation
-from pcnclaws.data.placement import require_inside
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.shapes import PointCloud
-from pcnclaws.data.units import check_motion, check_record, length_hint
+from pcnclaws.data.units import check_motion, check_record
 from pcnclaws.errors import UserError
+from pcnclaws.geometry.shapes import PointCloud
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.placement import length_hint, require_inside
+from pcnclaws.simulation.records import SceneRecord
 
 log = logging.getLogger(__name__)
 

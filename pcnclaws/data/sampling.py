@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import qmc
 
-from pcnclaws.data.placement import require_inside
 from pcnclaws.data.reference_objects import is_near_reference, reference_objects
-from pcnclaws.data.scenes import SceneStart
-from pcnclaws.data.shapes import PointCloud, particles, spin_velocity
 from pcnclaws.errors import UserError
+from pcnclaws.geometry.shapes import PointCloud, particles, spin_velocity
 from pcnclaws.laws.materials import Material
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.placement import require_inside
+from pcnclaws.simulation.scenes import SceneStart
 
 SPLITS = ("train", "validation", "test")
 MAXIMUM_SPEED, MAXIMUM_SPIN = 3.0, 4.0

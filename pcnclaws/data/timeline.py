@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import SceneStart, start_of
 from pcnclaws.errors import UserError
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import SceneStart, start_of
 
 # What a position of the unit box loses where each step rounds it in the same direction [m per step].
 ROUNDING = 0.5 * float(np.finfo(np.float32).eps)

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
-from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import UserError
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.records import SceneRecord
 
 log = logging.getLogger(__name__)
 
@@ -118,17 +118,6 @@ def flight_acceleration(
     variance = np.square(moved - terms @ fitted).sum(0) / (len(frames) - 3)
     error = np.sqrt(variance * np.linalg.inv(terms.T @ terms)[2, 2])
     return fitted[2] / length**2, error / length**2
-
-
-def length_hint(position: np.ndarray) -> str:
-    """Units in which positions far outside of the domain would lie inside, as a question behind a message."""
-    seen = position[np.isfinite(position)]
-    fitting = [
-        unit
-        for unit, factor in (("cm", 1e-2), ("mm", 1e-3))
-        if len(seen) and np.abs(seen).max() > 1.5 and seen.min() * factor >= -0.5 and seen.max() * factor <= 1.5
-    ]
-    return f"; positions in {' or '.join(fitting)}?" if fitting else ""
 
 
 def _check_acceleration(

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from pcnclaws.data.observation_files import from_record
-from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import UserError
 from pcnclaws.estimation.levenberg_marquardt import LevenbergMarquardt
 from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.uncertainty import QUANTILE_95, ROUNDING, projected_error
 from pcnclaws.estimation.unknowns import components_of, make_unknowns
 from pcnclaws.laws.materials import Laws, Material
+from pcnclaws.simulation.records import SceneRecord
 
 log = logging.getLogger(__name__)
 

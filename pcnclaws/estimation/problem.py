@@ -14,14 +14,14 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from pcnclaws.data.observation import Observation
-from pcnclaws.data.scenes import SceneStart, lightest_settings, simulator_of, vectors_first
 from pcnclaws.estimation.unknowns import TIME_OFFSET, Unknowns
 from pcnclaws.laws.materials import Laws
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.rollout import positions_at
-from pcnclaws.skips import Skips
+from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.rollout import positions_at
+from pcnclaws.simulation.scenes import SceneStart, lightest_settings, simulator_of, vectors_first
+from pcnclaws.simulation.time_step import largest_speed, scene_cfl, stable_cfl
 from pcnclaws.tensor_types import Parameters
-from pcnclaws.time_step import largest_speed, scene_cfl, stable_cfl
 
 # So many particles are simulated at once.
 PARTICLES_AT_ONCE = 16_384

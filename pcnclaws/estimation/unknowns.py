@@ -13,9 +13,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from pcnclaws.data.velocity_gradients import spin_gradient
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.estimation.transforms import TRANSFORMS, Free, Transform
+from pcnclaws.geometry.velocity_gradients import spin_gradient
 
 VARIATIONS = ("uniform", "bodies", "x", "y", "z")
 # Scales of start velocities [m/s], spins [rad/s] and the offset of the clock [s]: changes of this size matter alike.

@@ -6,18 +6,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from pcnclaws.data.placement import require_inside
-from pcnclaws.data.records import SceneRecord
 from pcnclaws.data.reference_objects import reference_objects
 from pcnclaws.data.sampling import DataSetPlan, Motion, draw_motions, planned_scenes
-from pcnclaws.data.scenes import SceneStart, group_by_settings, simulate_records
-from pcnclaws.data.shapes import PointCloud, particles, spin_velocity
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.evaluation.divergence import DivergedScene, survivors
 from pcnclaws.evaluation.parameter_map import map_settings, map_starts
+from pcnclaws.geometry.shapes import PointCloud, particles, spin_velocity
 from pcnclaws.laws.materials import Material, analytic_laws
 from pcnclaws.mpm.settings import SimulationSettings
-from pcnclaws.skips import Skips
+from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.placement import require_inside
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import SceneStart, group_by_settings, simulate_records
 
 # Shape -> edge of its box [m] and particles along it: 3 to 8 particles a cell, 1000 to 3000 in all.
 GEOMETRIES = {

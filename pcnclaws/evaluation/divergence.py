@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import SceneStart
 from pcnclaws.errors import SimulationDiverged
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import SceneStart
 
 # Scenes that are simulated together at first.
 SCENES_OF_BATCH = 12

@@ -7,13 +7,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import SceneStart, batch_scenes
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.elasticity import FixedCorotated, NeoHookean, StVKHencky
 from pcnclaws.laws.parameters import lame_constants
 from pcnclaws.linalg3 import determinant, hencky_strain, left_stretch, trace
 from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import SceneStart, batch_scenes
 from pcnclaws.tensor_types import Matrices, Parameters, Scalars
 
 

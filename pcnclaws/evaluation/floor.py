@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import torch
 
-from pcnclaws.data.records import SceneRecord
 from pcnclaws.evaluation.divergence import survivors
 from pcnclaws.evaluation.frames import in_time_step
 from pcnclaws.evaluation.tasks import SceneResult, evaluate_records, mean_mse
 from pcnclaws.laws.materials import analytic_laws, material_named
-from pcnclaws.skips import Skips
+from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.records import SceneRecord
 
 UNITS = {
     "float64": "mse of the analytic law in double precision against the same truth",

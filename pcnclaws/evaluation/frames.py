@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from pcnclaws.data.records import TIME_TOLERANCE, Keyframes, SceneRecord
-from pcnclaws.data.scenes import start_of
-from pcnclaws.time_step import automatic_time_step, largest_speed
+from pcnclaws.simulation.records import TIME_TOLERANCE, Keyframes, SceneRecord
+from pcnclaws.simulation.scenes import start_of
+from pcnclaws.simulation.time_step import automatic_time_step, largest_speed
 
 
 class StepPlan(NamedTuple):

@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Float
 
 from pcnclaws.data.sampling import TEST_MOTIONS, DataSetPlan
-from pcnclaws.data.scenes import SceneStart
-from pcnclaws.data.shapes import spin_velocity
+from pcnclaws.geometry.shapes import spin_velocity
 from pcnclaws.laws.materials import Material
 from pcnclaws.laws.parameters import PARAMETERS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.rendering.maps import ErrorMap, MapAxis
-from pcnclaws.time_step import COMFORTABLE_CFL, largest_speed, scene_cfl
+from pcnclaws.simulation.scenes import SceneStart
+from pcnclaws.simulation.time_step import COMFORTABLE_CFL, largest_speed, scene_cfl
 
 POINTS = 6
 # Axes on which values grow by a factor, not by a difference.

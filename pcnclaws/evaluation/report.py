@@ -12,7 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from pcnclaws.data.atomic import replaced_file
+from pcnclaws.atomic import replaced_file
 from pcnclaws.evaluation.divergence import DivergedScene
 from pcnclaws.evaluation.tasks import SceneResult, mean_mse
 

@@ -7,10 +7,10 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from pcnclaws.data.records import SceneRecord
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.materials import Laws
 from pcnclaws.metrics import relative_stress_error
+from pcnclaws.simulation.records import SceneRecord
 
 # A particle acts on, and feels, the grid nodes up to this many cells away.
 REACH = 1.5

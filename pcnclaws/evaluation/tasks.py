@@ -8,16 +8,16 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from pcnclaws.data.motion import Model
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import SceneStart, group_by_settings, simulate_records, start_of
 from pcnclaws.errors import UserError
 from pcnclaws.evaluation.energy import energy_error
 from pcnclaws.evaluation.frames import at_frames_of, step_plans
 from pcnclaws.evaluation.stress import stress_error
 from pcnclaws.laws.materials import Laws, Material, analytic_laws, material_named
 from pcnclaws.metrics import mse_sum, position_mse, position_mse_by_frame, rms_percent
-from pcnclaws.skips import Skips
+from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.motion import Model
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import SceneStart, group_by_settings, simulate_records, start_of
 
 
 @dataclass(frozen=True)

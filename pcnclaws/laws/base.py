@@ -7,8 +7,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pcnclaws.compiled.kernels import kernels_serve
-from pcnclaws.compiled.laws import isotropic_law
+from pcnclaws.compiled.calls import kernels_serve
+from pcnclaws.compiled.isotropic_laws import isotropic_law
 from pcnclaws.tensor_types import Matrices, Parameters
 
 
@@ -16,7 +16,7 @@ class Law(nn.Module, ABC):
     """What elasticity and plasticity share: they may have a kernel that computes the same, faster."""
 
     parameter_names: tuple[str, ...]
-    # the name of the law among pcnclaws.compiled.laws.LAWS, None without a kernel
+    # the name of the law among pcnclaws.compiled.isotropic_laws.LAWS, None without a kernel
     kernel: str | None = None
 
     def __init_subclass__(cls, **options: object) -> None:

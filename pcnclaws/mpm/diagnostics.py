@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from pcnclaws.compiled.calls import kernels_serve
 from pcnclaws.compiled.failing import failing
-from pcnclaws.compiled.kernels import kernels_serve
 from pcnclaws.linalg3 import determinant
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.tensor_types import ParticleMask

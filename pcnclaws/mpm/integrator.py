@@ -3,14 +3,14 @@
 import torch
 from torch import Tensor, nn
 
-from pcnclaws.compiled.kernels import kernels_serve
+from pcnclaws.compiled.calls import kernels_serve
 from pcnclaws.compiled.step import StepSettings
 from pcnclaws.compiled.step import step as compiled_step
 from pcnclaws.linalg3 import matmul
 from pcnclaws.mpm.boundaries import apply_walls, axis_walls, wall_nodes
 from pcnclaws.mpm.grid import Grid
-from pcnclaws.mpm.kernels import quadratic_stencil
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.mpm.shape_functions import quadratic_stencil
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.mpm.transfer import grid_to_particles, particles_to_grid
 from pcnclaws.tensor_types import Matrices

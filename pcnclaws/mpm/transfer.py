@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pcnclaws.mpm.kernels import Stencil
+from pcnclaws.mpm.shape_functions import Stencil
 from pcnclaws.tensor_types import Matrices, Scalars, Vectors
 
 # The 27 stencil nodes as 3 x 3 x 3, and the position of a node relative to the middle one in units of dx.

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from pcnclaws.data.atomic import replaced_file
-from pcnclaws.data.records import SceneRecord
+from pcnclaws.atomic import replaced_file
 from pcnclaws.rendering.camera import Camera
 from pcnclaws.rendering.labels import FONT, material_label
 from pcnclaws.rendering.pictures import camera_for, panel
+from pcnclaws.simulation.records import SceneRecord
 
 PANEL_WIDTH, HEADER = 220, 36  # pixels
 COLOURS_IN_FILE = 48

@@ -9,12 +9,12 @@ from jaxtyping import Float
 from matplotlib.colors import LinearSegmentedColormap
 from PIL import Image, ImageDraw, ImageFont
 
-from pcnclaws.data.atomic import replaced_file
-from pcnclaws.data.records import SceneRecord
+from pcnclaws.atomic import replaced_file
 from pcnclaws.metrics import mse_sum, object_size, position_mse, rms_percent
 from pcnclaws.rendering.camera import Camera
 from pcnclaws.rendering.labels import COLOURS, FONT, OTHER_COLOUR, material_label
 from pcnclaws.rendering.pictures import camera_for, panel
+from pcnclaws.simulation.records import SceneRecord
 
 TIMES, WIDTH, MARGIN, PAIR_GAP = 3, 1600, 14, 20  # the lengths in pixels
 TITLE, LABEL, SMALL = 24, 20, 17  # heights of letters [pixels]

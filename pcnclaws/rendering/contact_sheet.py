@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from pcnclaws.data.atomic import replaced_file
-from pcnclaws.data.records import SceneRecord
+from pcnclaws.atomic import replaced_file
 from pcnclaws.rendering.labels import material_label
 from pcnclaws.rendering.pictures import camera_for, panel
+from pcnclaws.simulation.records import SceneRecord
 
 COLUMNS, TILE_WIDTH, DPI = 4, 260, 130
 MAXIMUM_TILES = 48

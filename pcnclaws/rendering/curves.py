@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import TABLEAU_COLORS
 from matplotlib.figure import Figure
 
-from pcnclaws.data.atomic import replaced_file
+from pcnclaws.atomic import replaced_file
 
 DPI = 150
 LOWEST_SHOWN = 1e-7

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from pcnclaws.data.atomic import replaced_file
+from pcnclaws.atomic import replaced_file
 from pcnclaws.rendering.labels import axis_label
 
 COLOURS, TRAINED = colormaps["viridis_r"], "crimson"

@@ -11,13 +11,13 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pcnclaws.data.atomic import replaced_file
-from pcnclaws.data.records import SceneRecord
+from pcnclaws.atomic import replaced_file
 from pcnclaws.metrics import mse_sum, position_mse, rms_percent
 from pcnclaws.rendering.camera import Camera
 from pcnclaws.rendering.labels import COLOURS, OTHER_COLOUR, material_label
 from pcnclaws.rendering.spheres import draw_particles
 from pcnclaws.rendering.upright import has_floor, upright
+from pcnclaws.simulation.records import SceneRecord
 
 PANEL_WIDTH = 300  # pixels
 SPHERE_SIZE = 0.58  # radius of a drawn particle over the edge of the cube that it stands for

@@ -9,7 +9,7 @@ from lightning.pytorch import LightningModule, Trainer
 from lightning.pytorch.callbacks import Callback, Checkpoint
 from torch import Tensor
 
-from pcnclaws.data.motion import Model
+from pcnclaws.simulation.motion import Model
 from pcnclaws.training.checkpoints import LAST
 from pcnclaws.training.weights import law_weights
 

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from lightning.fabric.plugins.io.checkpoint_io import CheckpointIO
 
-from pcnclaws.data.atomic import replaced_file
+from pcnclaws.atomic import replaced_file
 
 log = logging.getLogger(__name__)
 

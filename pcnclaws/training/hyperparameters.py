@@ -7,7 +7,7 @@ from typing import Any
 
 from lightning.pytorch.loggers import TensorBoardLogger
 
-from pcnclaws.data.atomic import one_line_writing
+from pcnclaws.atomic import one_line_writing
 
 
 def log_hyperparameters(folder: Path, options: Mapping[str, Any], errors: Mapping[str, float | None]) -> None:

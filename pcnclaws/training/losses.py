@@ -6,8 +6,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pcnclaws.free_fall import fallen
 from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.simulation.free_fall import fallen
 from pcnclaws.tensor_types import SceneIndex
 
 Positions = Float[Tensor, "frames 3 particles"]

@@ -11,15 +11,15 @@ import torch
 from torch import Tensor, nn
 
 from pcnclaws.data.dataset import SegmentBatch
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import simulate_records, simulator_of, start_of
 from pcnclaws.errors import SimulationDiverged, UserError, unknown_name
 from pcnclaws.laws.materials import Laws
 from pcnclaws.metrics import position_mse
 from pcnclaws.mpm.settings import SimulationSettings
-from pcnclaws.rollout import differentiable_rollout
-from pcnclaws.simulator import Simulator
-from pcnclaws.skips import Skips
+from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.rollout import differentiable_rollout
+from pcnclaws.simulation.scenes import simulate_records, simulator_of, start_of
+from pcnclaws.simulation.simulator import Simulator
 from pcnclaws.training.losses import position_loss, relative_position_loss, unstressed_positions
 from pcnclaws.training.watched import WatchedModule
 

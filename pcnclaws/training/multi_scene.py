@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import UserError
+from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.training.module import ConstitutiveModule
 
 

@@ -8,11 +8,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pcnclaws.data.motion import MotionModel
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import start_of
 from pcnclaws.errors import SimulationDiverged
 from pcnclaws.metrics import position_mse
+from pcnclaws.simulation.motion import MotionModel
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import start_of
 from pcnclaws.training.budget import WallClock
 from pcnclaws.training.watched import WatchedModule
 

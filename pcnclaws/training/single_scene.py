@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.training.module import ConstitutiveModule
 
 

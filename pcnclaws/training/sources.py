@@ -8,12 +8,12 @@ import numpy as np
 
 from pcnclaws.data.first_motion import name_contradictions
 from pcnclaws.data.hdf5 import read_scenes
-from pcnclaws.data.records import SceneRecord
-from pcnclaws.data.scenes import start_of
 from pcnclaws.data.units import check_record
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import MATERIALS, Material
 from pcnclaws.laws.parameters import validate_parameters
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import start_of
 from pcnclaws.training.module import ConstitutiveModule
 
 # Share of a user's own scenes that is kept for the checks, and the fewest scenes that can spare one.

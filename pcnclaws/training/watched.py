@@ -9,9 +9,9 @@ import torch
 from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 
-from pcnclaws.data.motion import Model
-from pcnclaws.data.records import SceneRecord
 from pcnclaws.errors import SimulationDiverged
+from pcnclaws.simulation.motion import Model
+from pcnclaws.simulation.records import SceneRecord
 
 log = logging.getLogger(__name__)
 

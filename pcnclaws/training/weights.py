@@ -9,9 +9,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from pcnclaws.data.atomic import replaced_file
-from pcnclaws.data.motion import Model
+from pcnclaws.atomic import replaced_file
 from pcnclaws.errors import UserError
+from pcnclaws.simulation.motion import Model
 
 
 def law_weights(laws: Model) -> dict[str, Tensor]:

@@ -31,7 +31,7 @@ template <class Law> bool fits(const LawInput<T>& in) {
            in.weights->sizes[LAYERS] == Law::OUTPUTS;
 }
 
-// Runs work(law) with the law of a number, in the order of LAWS in pcnclaws/compiled/laws.py.
+// Runs work(law) with the law of a number, in the order of LAWS in pcnclaws/compiled/isotropic_laws.py.
 template <class Work> int with_law(int number, const LawInput<T>& in, Work work) {
     const auto run = [&](auto law) {
         if (!fits<decltype(law)>(in)) return false;

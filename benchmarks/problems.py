@@ -1,0 +1,36 @@
+"""The benchmark problems: a fixed table from names to what runs, draws and tabulates them."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rich.table import Table
+
+from benchmarks import run_time_vs_error, scaling, skips, stability, step_cost
+from benchmarks import training_time as training
+from benchmarks.context import BenchmarkContext
+
+Document = Mapping[str, Any]
+
+
+class Problem(NamedTuple):
+    """One benchmark problem.
+
+    run     (options, context) -> the results, plain values; checks its options first
+    draw    (document, folder) -> the pictures it wrote, from the result document alone
+    tables  document -> the tables that a reader wants to see, from the result document alone
+    """
+
+    run: Callable[[Mapping[str, Any], BenchmarkContext], dict[str, Any]]
+    draw: Callable[[Document, Path], list[Path]]
+    tables: Callable[[Document], list[Table]]
+
+
+PROBLEMS = {
+    "run_time_vs_error": Problem(run_time_vs_error.run, run_time_vs_error.draw, run_time_vs_error.tables),
+    "scaling": Problem(scaling.run, scaling.draw, scaling.tables),
+    "skips": Problem(skips.run, skips.draw, skips.tables),
+    "stability": Problem(stability.run, stability.draw, stability.tables),
+    "step_cost": Problem(step_cost.run, step_cost.draw, step_cost.tables),
+    "training": Problem(training.run, training.draw, training.tables),
+}

@@ -1,0 +1,112 @@
+"""From the configuration of an estimation to its unknowns and where the search for them begins."""
+
+import logging
+
+import numpy as np
+from omegaconf import DictConfig
+from rich.console import Console
+
+from pcnclaws.commands.configuration import whole_number
+from pcnclaws.data.observation import Observation
+from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.estimation.inverse import EstimatorSettings
+from pcnclaws.estimation.problem import EstimationProblem
+from pcnclaws.estimation.screening import screened_start, stable_start
+from pcnclaws.estimation.start_motion import with_first_motion
+from pcnclaws.estimation.transforms import TRANSFORMS
+from pcnclaws.estimation.unknowns import Unknowns, components_of, make_unknowns
+from pcnclaws.laws.materials import Material
+from pcnclaws.laws.parameters import PARAMETERS
+
+log = logging.getLogger(__name__)
+
+
+def estimator_from(config: DictConfig) -> EstimatorSettings:
+    """The settings of `estimator.*`."""
+    return EstimatorSettings(
+        str(config.estimator.name),
+        whole_number(config, "estimator.iterations"),
+        float(config.estimator.learning_rate),
+    )
+
+
+def noise_from(config: DictConfig) -> float | None:
+    """The standard deviation of observed coordinates [m] of `observation.noise`, None where it is not known."""
+    noise = config.observation.noise
+    if noise is None:
+        return None
+    if isinstance(noise, bool) or not isinstance(noise, (int, float)) or not (0.0 < noise < np.inf):
+        raise UserError(
+            f"observation.noise={noise} is not accepted; accepted: above 0 and finite [m], or null to take it from the "
+            "positions"
+        )
+    return float(noise)
+
+
+def unknowns_from(config: DictConfig, material: Material, observation: Observation) -> Unknowns:
+    """What is sought: the parameters but for `fixed.*`, where they `vary`, and what `unknown.*` adds."""
+    fixed = _given(config, "fixed", material)
+    for name, value in fixed.items():
+        if not PARAMETERS[name].accepts(value):
+            raise UserError(f"fixed.{name}={value:g} is not accepted; accepted: {PARAMETERS[name].accepted}")
+    motion = config.unknown.motion
+    if motion not in ("auto", True, False):
+        raise UserError(f"unknown.motion={motion} is not accepted; accepted: true, false, auto")
+    sought = observation.initial_velocity is None if motion == "auto" else bool(motion)
+    if not sought and observation.initial_velocity is None:
+        raise UserError("unknown.motion=false needs a start velocity; accepted: scene.velocity=[..], or auto")
+    spacing, position = observation.spacing, observation.position
+    components = components_of(str(config.vary), position, spacing)
+    bodies = components if config.vary == "bodies" else components_of("uniform", position, spacing)
+    return make_unknowns(material.parameter_names, fixed, components, bodies, sought, bool(config.unknown.time_offset))
+
+
+def guess_from(config: DictConfig, material: Material, problem: EstimationProblem) -> np.ndarray:
+    """Coordinates of initial_guess: the middle of the material's ranges where it says nothing, put inside bounds."""
+    given = _given(config, "initial_guess", material)
+    inside: dict[str, float] = {}
+    for name in material.parameter_names:
+        value, limits = given.get(name, material.defaults[name]), PARAMETERS[name]
+        if not limits.lower <= value <= limits.upper or (value == 0.0 and limits.unit == "Pa"):
+            raise UserError(f"initial_guess.{name}={value:g} is not accepted; accepted: {limits.accepted}")
+        inside[name] = TRANSFORMS[name].inside(value)
+        if inside[name] != value and name not in problem.unknowns.fixed:
+            log.warning(
+                "initial_guess.%s=%g is at the edge of what is possible: starts from %.4g", name, value, inside[name]
+            )
+    sought = problem.unknowns.sought
+    values = np.array([inside.get(unknown.name, 0.0) for unknown in sought])
+    if problem.observation.initial_velocity is None:
+        values = with_first_motion(problem.observation, problem.unknowns, values)
+    u = problem.unknowns.coordinates(values.tolist())
+    stable = stable_start(problem, u)
+    if not np.array_equal(u, stable):
+        softer = problem.unknowns.values(stable)[problem.unknowns.index("youngs_modulus")[0]]
+        log.warning(
+            "initial_guess.youngs_modulus=%g is unstable with the observation's time step: starts from %.3g",
+            inside["youngs_modulus"],
+            softer,
+        )
+    return stable
+
+
+def start_from_guess(config: DictConfig, problem: EstimationProblem, guess: np.ndarray, console: Console) -> np.ndarray:
+    """The best of the guess and of the `screening` starts."""
+    count = whole_number(config, "screening", least=0)
+    if not count:
+        return guess
+    start, errors = screened_start(problem, guess, count, int(config.seed))
+    best = min(errors)
+    console.print(f"screening: {count + 1} starts, MSE {errors[0]:.1e} m² of the guess, {best:.1e} m² of the best")
+    return start
+
+
+def _given(config: DictConfig, option: str, material: Material) -> dict[str, float]:
+    """The numbers of initial_guess or fixed that are not null; UserError for one that the material does not have."""
+    given = {str(name): value for name, value in config[option].items() if value is not None}
+    for name, value in given.items():
+        if name not in material.parameter_names:
+            raise unknown_name(option, name, material.parameter_names)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise UserError(f"{option}.{name}={value} is not accepted; accepted: a number")
+    return {name: float(value) for name, value in given.items()}

@@ -1,0 +1,224 @@
+"""The one launcher of all entry points: composes the configuration, runs the task, ends with an exit status.
+
+    0    done
+    1    the run failed: a diverged simulation, Ctrl-C (SIGINT), a full disk, a bug
+    2    the user's input is wrong
+    143  ended by SIGTERM
+
+Every failure is one line on stderr; a bug prints its traceback before it.
+"""
+
+import io
+import os
+import signal
+import sys
+import tempfile
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr
+from typing import NoReturn
+
+import hydra
+from hydra._internal.utils import get_args_parser
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.types import RunMode
+from omegaconf import DictConfig
+from rich.console import Console
+
+from pcnclaws.commands.composition import (
+    CONFIG_ERRORS,
+    HYDRA_VERSION_BASE,
+    as_group_choices,
+    checked,
+    conf_folder,
+    explain,
+    register_resolvers,
+    task_overrides,
+)
+from pcnclaws.commands.folder_names import swept_options
+from pcnclaws.commands.signals import signals_end_it
+from pcnclaws.commands.sweeps import Job, sweep_table
+from pcnclaws.errors import CannotWrite, Interrupted, SimulationDiverged, UserError, is_full, reason
+
+FAILED, WRONG_INPUT, TERMINATED = 1, 2, 128 + signal.SIGTERM
+# Width of the table of a sweep where the output is not a terminal: folders are long.
+PLAIN_WIDTH = 160
+# What a command does; it may return numbers that a sweep shows of it, by name and unit.
+Task = Callable[[DictConfig], Mapping[str, float | None] | None]
+
+
+def main(task: Task, entry: str) -> NoReturn:
+    """Runs a task with the configuration that conf/<entry>.yaml and the command line give, and exits."""
+    sys.exit(run(task, entry, sys.argv[1:]))
+
+
+def run(task: Task, entry: str, arguments: Sequence[str]) -> int:
+    """The exit status of an entry point with these command-line arguments.
+
+    Under --multirun every job runs, whatever becomes of the others; the status is the largest of all jobs. A signal
+    ends all of them.
+    """
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises its errors instead of printing them and exiting
+    register_resolvers()
+    jobs = Jobs(task, entry)
+    try:
+        with signals_end_it(), _threads_without_traceback():
+            _run(jobs, arguments)
+            jobs.show()
+            _flush(jobs)
+    except (Interrupted, KeyboardInterrupt) as end:
+        return _said(end)
+    return jobs.status
+
+
+def _run(jobs: "Jobs", arguments: Sequence[str]) -> None:
+    try:
+        flags, overrides = _split(arguments)
+        jobs.overrides = overrides = as_group_choices(overrides)
+        jobs.swept = swept_options(overrides)
+        with tempfile.TemporaryDirectory() as sweep_folder:
+            _launch(jobs, flags, [*overrides, f"hydra.sweep.dir={sweep_folder}"])
+    except (*CONFIG_ERRORS, ValueError) as error:  # Hydra raises ValueError, too, for what it cannot compose
+        jobs.record(error if isinstance(error, UserError) else explain(jobs.entry, jobs.overrides, error))
+    except Exception as error:
+        jobs.record(error)
+
+
+def _flush(jobs: "Jobs") -> None:
+    """Writes what was printed; a file that it goes to may be full."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python tries once more at its end
+        error.filename = "the standard output"
+        if not jobs.status:
+            jobs.record(error)
+
+
+@contextmanager
+def _threads_without_traceback() -> Iterator[None]:
+    """A thread that finds no room (TensorBoard's) ends without a word: its error comes to the main thread, too."""
+    hook = threading.excepthook
+
+    def quiet(thrown: threading.ExceptHookArgs) -> None:
+        if not (isinstance(thrown.exc_value, OSError) and is_full(thrown.exc_value)):
+            hook(thrown)
+
+    threading.excepthook = quiet
+    try:
+        yield
+    finally:
+        threading.excepthook = hook
+
+
+def _said(end: Interrupted | KeyboardInterrupt) -> int:
+    """The exit status of an interruption, after its line."""
+    words = "interrupted" if isinstance(end, KeyboardInterrupt) else str(end)
+    print("error:", "; ".join([words, *getattr(end, "__notes__", ())]), file=sys.stderr)
+    return TERMINATED if isinstance(end, Interrupted) and end.number == signal.SIGTERM else FAILED
+
+
+class Jobs:
+    """The jobs of one command, and the worst of their exit statuses."""
+
+    def __init__(self, task: Task, entry: str) -> None:
+        self.task, self.entry = task, entry
+        self.overrides: list[str] = []
+        self.swept: list[str] = []
+        self.status = 0
+        self._outputs: set[str] = set()
+        self._recorded: list[Exception] = []
+        self._done: list[Job] = []
+
+    def run(self, config: DictConfig) -> None:
+        """One job, under Hydra."""
+        multirun = HydraConfig.get().mode == RunMode.MULTIRUN
+        overrides, output = task_overrides(), ""
+        try:
+            config = self._checked(config, overrides)
+            output = str(config.output)
+            numbers = self.task(config) or {}
+            self._done.append(Job(overrides, 0, output, numbers))
+        except Exception as error:
+            status = self.record(error, f"job '{' '.join(overrides)}': " if multirun else "")
+            self._done.append(Job(overrides, status, output, {}))
+            if multirun:  # Hydra keeps the error until the other jobs have run
+                raise
+
+    def record(self, error: Exception, job: str = "") -> int:
+        """Prints the error, once, and keeps its exit status if it is the worst; returns its own."""
+        status = WRONG_INPUT if isinstance(error, UserError) else FAILED
+        if error in self._recorded:
+            return status
+        self._recorded.append(error)
+        self.status = max(self.status, status)
+        text = " ".join(str(error).split())
+        if isinstance(error, OSError) and is_full(error):
+            text = f"{error.filename or 'a file'} cannot be written ({reason(error)})"
+        elif not isinstance(error, (UserError, SimulationDiverged, CannotWrite)):
+            traceback.print_exception(error)
+            text = f"unexpected {type(error).__name__}: {text}"
+        print(f"error: {job}{text}", file=sys.stderr)
+        return status
+
+    def show(self) -> None:
+        """Prints the table of a sweep."""
+        if self.swept and self._done:
+            console = Console() if Console().is_terminal else Console(width=PLAIN_WIDTH)
+            console.print(sweep_table(self._done, self.swept))
+
+    def _checked(self, config: DictConfig, overrides: list[str]) -> DictConfig:
+        try:
+            config = checked(self.entry, config, overrides, self.swept)
+        except CONFIG_ERRORS as error:
+            raise explain(self.entry, overrides, error) from error
+        output = os.path.realpath(str(config.output))
+        if output in self._outputs:
+            raise UserError(f"output={config.output} is shared with another job; accepted: one output for each job")
+        self._outputs.add(output)
+        return config
+
+
+def _launch(jobs: Jobs, flags: list[str], overrides: list[str]) -> None:
+    """Hydra composes and runs, one job or a sweep of them; it keeps no folder of its own."""
+    _refuse_shared_output(overrides)
+
+    def task(config: DictConfig) -> None:
+        jobs.run(config)
+
+    decorate = hydra.main(version_base=HYDRA_VERSION_BASE, config_path=str(conf_folder()), config_name=jobs.entry)
+    typed = sys.argv
+    sys.argv = [jobs.entry, *flags, *overrides]  # Hydra takes its arguments from nowhere else
+    try:
+        decorate(task)()
+    finally:
+        sys.argv = typed
+
+
+def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Hydra's flags and the overrides. Hydra alone would read flags only before or after all overrides."""
+    complaint = io.StringIO()
+    try:
+        with redirect_stderr(complaint):
+            overrides = get_args_parser().parse_intermixed_args(list(arguments)).overrides
+    except SystemExit as end:
+        if not end.code:
+            raise
+        raise UserError(complaint.getvalue().strip().rpartition("error: ")[2]) from None
+    return [argument for argument in arguments if argument not in overrides], overrides
+
+
+def _refuse_shared_output(overrides: Sequence[str]) -> None:
+    """Refuses a sweep whose jobs would all write to the same place, before any of them runs."""
+    parsed = OverridesParser.create().parse_overrides(list(overrides))
+    if not any(override.is_sweep_override() for override in parsed):
+        return
+    for override in parsed:
+        fixed = not override.is_sweep_override() and "${" not in str(override.value())
+        if override.key_or_group == "output" and fixed:
+            raise UserError(
+                f"output={override.value()} is shared by the jobs of a sweep; accepted: no output= "
+                "(one folder a job), or one that names a swept option, as in 'output=x_${seed}.h5'"
+            )

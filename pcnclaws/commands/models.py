@@ -1,0 +1,47 @@
+"""What a `model` config or a run folder names: the table from names to what builds them, and nothing else is built."""
+
+from collections.abc import Callable, Mapping
+
+from pcnclaws.baselines.gns import gns
+from pcnclaws.baselines.identified import identified
+from pcnclaws.baselines.nclaws import nclaws
+from pcnclaws.baselines.spline import spline
+from pcnclaws.errors import unknown_name
+from pcnclaws.laws.materials import Material
+from pcnclaws.laws.neural import VARIANTS, build_neural_laws
+from pcnclaws.simulation.motion import Model
+
+Fields = Mapping[str, object]
+
+
+class _Baseline:
+    """A model that takes the fields `accepted` of its config, beside the name, and no others."""
+
+    def __init__(self, build: Callable[[Material, Fields], Model], *accepted: str) -> None:
+        self.build, self.accepted = build, accepted
+
+    def __call__(self, material: Material, fields: Fields) -> Model:
+        for field in fields:
+            if field not in ("name", *self.accepted):
+                raise unknown_name("model", field, ("name", *self.accepted))
+        return self.build(material, fields)
+
+
+MODELS: Mapping[str, Callable[[Material, Fields], Model]] = {
+    **dict.fromkeys(VARIANTS, build_neural_laws),
+    "nclaws": _Baseline(lambda material, _: nclaws(material)),
+    "spline": _Baseline(spline, "knots", "reach"),
+    "gns": _Baseline(gns, "width", "message_passing_steps", "radius"),
+    "identified": _Baseline(lambda material, _: identified(material)),
+}
+
+
+def build_model(material: Material, model: Fields) -> Model:
+    """The untrained model of a material from the plain fields of a `model` config.
+
+    raises  UserError for an unknown name, an unknown field or a value that is not accepted
+    """
+    name = model.get("name")
+    if name not in MODELS:
+        raise unknown_name("model.name", name, MODELS)
+    return MODELS[str(name)](material, model)

@@ -1,0 +1,221 @@
+"""Run folders: started, continued, finished, and read back as laws. Reading one never runs code from its files."""
+
+import json
+import logging
+import shutil
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+import pcnclaws
+from pcnclaws.atomic import PARTIAL_SUFFIX, replaced_file
+from pcnclaws.commands.models import build_model
+from pcnclaws.commands.options import is_free
+from pcnclaws.data.locks import LOCK
+from pcnclaws.errors import UserError
+from pcnclaws.laws.materials import Laws, Material, analytic_laws, material_named
+from pcnclaws.laws.parameters import PARAMETERS
+from pcnclaws.simulation.motion import Model
+from pcnclaws.training.weights import read_weights, set_law_weights
+
+log = logging.getLogger(__name__)
+
+CONFIG, WEIGHTS, METRICS, CHECKPOINTS, EVENTS = (
+    "config.yaml",
+    "weights.safetensors",
+    "metrics.json",
+    "checkpoints",
+    "tensorboard",
+)
+PRETRAINED = Path(pcnclaws.__file__).parent / "pretrained"
+
+
+class LoadedRun(NamedTuple):
+    """A finished training run. ranges: the span of each physical parameter in its training data."""
+
+    material: Material
+    model: Model
+    config: dict[str, Any]
+    ranges: Mapping[str, tuple[float, float]]
+
+    @property
+    def laws(self) -> Laws:
+        """The model, which is one of laws; UserError for a model of motion."""
+        return _as_laws(self.model, "the run")
+
+
+def load_run(folder: str | Path, option: str = "law") -> LoadedRun:
+    """The model of a run folder, ready to simulate; UserError if a file is missing, damaged or unfit."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        close = get_close_matches(str(folder), ("analytic", "pretrained"), n=1)
+        hint = f"; did you mean '{close[0]}'?" if close else ""
+        raise UserError(
+            f"{option}={folder} is not a folder; accepted: analytic, pretrained, or the path of a run folder{hint}"
+        )
+    config = read_config(folder)
+    if not isinstance(config.get("material"), dict) or not isinstance(config.get("model"), dict):
+        raise UserError(f"{option}={folder}: {CONFIG} names no material or no model")
+    material = material_named(str(config["material"].get("name")), f"{option}={folder}: material")
+    weights, notes = read_weights(folder / WEIGHTS)
+    try:
+        model = build_model(material, config["model"])
+    except UserError as fault:
+        raise UserError(f"{option}={folder / CONFIG}: {fault}") from fault
+    set_law_weights(model, weights, f"{option}={folder}")
+    for part in model if isinstance(model, Laws) else (model,):
+        if part is not None:
+            part.requires_grad_(False)
+    return LoadedRun(material, model, config, _ranges(notes, material))
+
+
+def laws_for(law: str, material: Material, parameters: Iterable[Mapping[str, float]] = ()) -> Laws:
+    """As model_for, where laws are needed: UserError for a model of motion."""
+    return _as_laws(model_for(law, material, parameters), f"law={law}")
+
+
+def model_for(law: str, material: Material, parameters: Iterable[Mapping[str, float]] = ()) -> Model:
+    """The model that the option `law` names: analytic, pretrained, or a run folder of that material.
+
+    parameters  the physical parameters they will be used with: one line warns of those outside the training data
+    """
+    folder = law_folder(law, material)
+    if folder is None:
+        return analytic_laws(material)
+    run = load_run(folder)
+    if run.material.name != material.name:
+        raise UserError(f"law={law} was trained for material={run.material.name}, not {material.name}")
+    warning = outside_training_data(run.ranges, parameters)
+    if warning:
+        log.warning("law=%s: %s", law, warning)
+    return run.model
+
+
+def law_folder(law: str, material: Material) -> Path | None:
+    """The folder of the option `law`, None for analytic; UserError where no weights ship for the material."""
+    if law == "analytic":
+        return None
+    if law != "pretrained":
+        return Path(law)
+    folder = PRETRAINED / material.name
+    if not folder.is_dir():
+        raise UserError(
+            f"law=pretrained: no weights ship for {material.name}; train some with "
+            f"'python -m pcnclaws.train experiment={material.name}_multi' and name its run folder"
+        )
+    return folder
+
+
+def outside_training_data(
+    ranges: Mapping[str, tuple[float, float]], parameters: Iterable[Mapping[str, float]]
+) -> str | None:
+    """One line that names the parameters outside the ranges that a law was trained on; None if there are none."""
+    faults: dict[str, None] = {}
+    for values in parameters:
+        for name, (low, high) in ranges.items():
+            if name in values and not low * (1.0 - 1e-6) <= values[name] <= high * (1.0 + 1e-6):
+                unit = "" if PARAMETERS[name].unit == "-" else f" {PARAMETERS[name].unit}"
+                faults[f"{name}={values[name]:g} (trained on {low:g} to {high:g}{unit})"] = None
+    return f"used outside its training data: {', '.join(faults)}" if faults else None
+
+
+def is_finished(folder: Path, config: Mapping[str, Any]) -> bool:
+    """Whether the folder holds the finished run of this configuration; False for a new folder or an unfinished run.
+
+    raises  UserError if the folder holds something else, or a run whose configuration differs
+    """
+    if folder.exists() and not folder.is_dir():
+        raise UserError(f"output={folder} is a file; accepted: a new folder or a run folder")
+    if not (folder / CONFIG).is_file():
+        if folder.is_dir() and any(_is_foreign(entry) for entry in folder.iterdir()):
+            raise UserError(f"output={folder} is not empty and holds no run; accepted: a new folder or a run folder")
+        return False
+    if not any((folder / name).exists() for name in (CHECKPOINTS, WEIGHTS)):
+        return False
+    difference = _difference(read_config(folder), config)
+    if difference:
+        raise UserError(
+            f"output={folder} holds a run of another configuration ({difference}); "
+            "accepted: the same configuration, another output, or overwrite=true"
+        )
+    return (folder / METRICS).is_file() and (folder / WEIGHTS).is_file()
+
+
+def run_errors(folder: Path) -> dict[str, float | None]:
+    """The errors of a finished run [m^2]: of the validation that chose its weights, and on the test scenes."""
+    metrics = json.loads((folder / METRICS).read_text(encoding="utf-8"))
+    return {"validation_mse": metrics["training"]["validation_mse"], "test_mse": metrics["mse"]}
+
+
+def start_run(folder: Path, config: Mapping[str, Any], overwrite: bool = False) -> None:
+    """Claims a run folder for this configuration. overwrite removes what another run left in it."""
+    if overwrite and (folder / CONFIG).is_file():
+        _clear(folder)
+    with replaced_file(folder / CONFIG) as part:
+        part.write(yaml.safe_dump(dict(config), sort_keys=False, encoding="utf-8"))
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """The configuration of a run folder, plain values only."""
+    try:
+        config = yaml.safe_load((folder / CONFIG).read_text(encoding="utf-8"))
+    except FileNotFoundError as fault:
+        raise UserError(f"{folder} is no run folder: {CONFIG} is missing") from fault
+    except (yaml.YAMLError, UnicodeDecodeError, OSError) as fault:
+        raise UserError(f"{folder / CONFIG} cannot be read ({type(fault).__name__})") from fault
+    if not isinstance(config, dict):
+        raise UserError(f"{folder / CONFIG} is not the configuration of a run")
+    return config
+
+
+def _as_laws(model: Model, source: str) -> Laws:
+    if not isinstance(model, Laws):
+        raise UserError(f"{source} is a model of motion without laws, which evaluate takes; accepted here: laws")
+    return model
+
+
+def _is_foreign(entry: Path) -> bool:
+    """Whether an entry of a folder keeps a run from starting there: not a lock, a leftover, or the job of a sweep."""
+    return entry.name != LOCK and entry.suffix != PARTIAL_SUFFIX and not (entry / CONFIG).is_file()
+
+
+def _clear(folder: Path) -> None:
+    """Removes what a run leaves in its folder, and nothing else."""
+    for name in (CHECKPOINTS, EVENTS):
+        shutil.rmtree(folder / name, ignore_errors=True)
+    for entry in folder.iterdir():
+        if entry.is_file() and entry.suffix in (".png", ".gif", PARTIAL_SUFFIX, ".safetensors", ".json", ".yaml"):
+            entry.unlink()
+
+
+def _ranges(notes: Mapping[str, Any], material: Material) -> dict[str, tuple[float, float]]:
+    """The ranges noted beside the weights; the material's own where the note is missing."""
+    noted = notes.get("ranges")
+    noted = noted if isinstance(noted, dict) else {}
+    return {
+        name: (float(noted[name][0]), float(noted[name][1])) if name in noted else span
+        for name, span in material.ranges.items()
+    }
+
+
+def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    """The first option that differs, in words; empty if none does."""
+    before, after = _flat(old), _flat(new)
+    for option in sorted(before.keys() | after.keys()):
+        if not is_free(option) and before.get(option) != after.get(option):
+            return f"{option}: {before.get(option)} there, {after.get(option)} asked for"
+    return ""
+
+
+def _flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested options as 'group.option': value."""
+    flat: dict[str, Any] = {}
+    for name, value in config.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{prefix}{name}.")
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat

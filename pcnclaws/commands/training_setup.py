@@ -1,0 +1,150 @@
+"""From the configuration to what trains a model: its module, its batches and its clock."""
+
+import math
+from typing import NamedTuple, TypeAlias
+
+from omegaconf import DictConfig
+
+from pcnclaws.commands.configuration import precision_from, skips_from, whole_number
+from pcnclaws.data.datamodule import CheckedDataModule, TrajectoryDataModule
+from pcnclaws.data.dataset import SegmentDataset
+from pcnclaws.data.segments import SegmentPlan
+from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.simulation.motion import Model, MotionModel
+from pcnclaws.training.budget import WallClock
+from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
+from pcnclaws.training.multi_scene import MultiSceneModule
+from pcnclaws.training.one_step import OneStepModule
+from pcnclaws.training.single_scene import SingleSceneModule
+from pcnclaws.training.sources import TrainingScenes
+from pcnclaws.training.watched import WatchedModule
+
+REGIMES: dict[str, type[ConstitutiveModule]] = {"multi_scene": MultiSceneModule, "single_scene": SingleSceneModule}
+# Noise of the positions that a model of motion is trained with, unless training.noise says another [m].
+NO_NOISE = 0.0
+
+
+# A module, its batches, and notes for the user.
+Prepared: TypeAlias = tuple[WatchedModule, CheckedDataModule, tuple[str, ...]]
+
+
+class Setup(NamedTuple):
+    """What a run trains with, and what the user should know about it, one line each."""
+
+    module: WatchedModule
+    data: CheckedDataModule
+    clock: WallClock
+    notes: tuple[str, ...]
+
+
+def regime_from(config: DictConfig) -> type[ConstitutiveModule]:
+    """The regime of `regime=`."""
+    if config.regime.name not in REGIMES:
+        raise unknown_name("regime", config.regime.name, REGIMES)
+    return REGIMES[config.regime.name]
+
+
+def check_training(config: DictConfig) -> None:
+    """Refuses wrong options of `training.*` before any data is made."""
+    _plan(config)
+    _optimiser(config)
+    _budget(config)
+    _noise(config)
+
+
+def setup(config: DictConfig, model: Model, scenes: TrainingScenes) -> Setup:
+    """What trains the model: by single steps a model of motion, through the simulation the laws of a material."""
+    every, notes = _check_every(config)
+    clock = WallClock(_budget(config))
+    prepare = _one_step if isinstance(model, MotionModel) else _simulated
+    module, data, more = prepare(config, model, scenes, every, clock)
+    return Setup(module, data, clock, (*notes, *more))
+
+
+def _simulated(
+    config: DictConfig, model: Model, scenes: TrainingScenes, check_every: int, clock: WallClock
+) -> Prepared:
+    if isinstance(model, MotionModel):
+        raise TypeError("a model of motion is not trained through a simulation")
+    plan = _plan(config)
+    data = TrajectoryDataModule(scenes.training, scenes.validation, plan, check_every, precision_from(config))
+    settings = data.dataset.settings
+    module = regime_from(config)(model, settings, _optimiser(config), plan.iterations, skips_from(config))
+    return module, data, (*data.dataset.notes, _segments_in_words(data.dataset)) if plan.iterations else ()
+
+
+def _one_step(config: DictConfig, model: Model, scenes: TrainingScenes, check_every: int, clock: WallClock) -> Prepared:
+    if not isinstance(model, MotionModel):
+        raise TypeError("laws are not trained by single steps")
+    training = config.training
+    iterations, batch = training.iterations, whole_number(config, "training.batch_segments")
+    windows = model.windows(scenes.training, iterations, batch, _noise(config), config.seed)
+    data = CheckedDataModule(windows, iterations, scenes.validation, check_every)
+    optimiser = _optimiser(config)
+    module = OneStepModule(model, optimiser.learning_rate, optimiser.gradient_clip, iterations, clock)
+    return module, data, ("trains on frames and the next ones: positions only",)
+
+
+def _segments_in_words(dataset: SegmentDataset) -> str:
+    """How long the segments are, as the frames and the motions allow, and what they start from."""
+    first, last = dataset.lengths
+    words = (
+        "the initial state (positions only)" if dataset.plan.start == "initial" else "recorded full states (keyframes)"
+    )
+    return f"segments of {first if first == last else f'{first} to {last}'} steps start from {words}"
+
+
+def _optimiser(config: DictConfig) -> OptimiserSettings:
+    training = config.training
+    return OptimiserSettings(
+        float(training.learning_rate),
+        gradient_clip=_number_or_none(training.gradient_clip),
+        loss=str(training.loss),
+        loss_scale=_number_or_none(training.loss_scale),
+        plastic_learning_rate=_number_or_none(training.plastic_learning_rate),
+        step_back=bool(training.step_back),
+    )
+
+
+def _plan(config: DictConfig) -> SegmentPlan:
+    training = config.training
+    return SegmentPlan(
+        training.iterations,
+        training.batch_segments,
+        training.start,
+        training.segment_length.first,
+        training.segment_length.last,
+        training.loss_every,
+        config.seed,
+    )
+
+
+def _check_every(config: DictConfig) -> tuple[int, tuple[str, ...]]:
+    """Iterations between two checks: the divisor of training.iterations nearest to training.check_every; a note."""
+    wanted, iterations = whole_number(config, "training.check_every"), config.training.iterations
+    if iterations == 0:
+        return wanted, ("training.iterations=0: nothing is fitted, the run holds the untrained model",)
+    divisors = [n for n in range(1, iterations + 1) if iterations % n == 0]
+    nearest = min(divisors, key=lambda n: abs(math.log(n / wanted)))
+    note = f"checks every {nearest} iterations, which divides training.iterations={iterations}"
+    return nearest, () if nearest == wanted else (note,)
+
+
+def _budget(config: DictConfig) -> float | None:
+    seconds = _number_or_none(config.training.seconds)
+    if seconds is not None and not seconds > 0.0:
+        raise UserError(
+            f"training.seconds={seconds} is not accepted; accepted: a positive number, or null for no limit"
+        )
+    return seconds
+
+
+def _noise(config: DictConfig) -> float:
+    noise = float(config.training.get("noise", NO_NOISE))
+    if not noise >= 0.0:
+        raise UserError(f"training.noise={noise} is not accepted; accepted: a number from 0 [m]")
+    return noise
+
+
+def _number_or_none(value: float | None) -> float | None:
+    return None if value is None else float(value)

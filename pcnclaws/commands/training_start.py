@@ -1,0 +1,62 @@
+"""What the segments of a training start from: what was asked for, or what the data allow."""
+
+from collections.abc import Sequence
+
+from omegaconf import DictConfig, OmegaConf
+
+from pcnclaws.commands.composition import file_options, stated_options
+from pcnclaws.commands.configuration import whole_number
+from pcnclaws.errors import UserError
+from pcnclaws.simulation.motion import Model, MotionModel
+from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.training.sources import can_restart
+
+GROUP, WITHOUT_KEYFRAMES = "training", "initial"
+
+
+def settled_start(
+    config: DictConfig, model: Model, scenes: Sequence[SceneRecord] | None
+) -> tuple[DictConfig, tuple[str, ...]]:
+    """The configuration with the start that the data allow, and a line for the user where that is another one.
+
+    Where there are no keyframes to start from, the settings are those of training=initial but for those that the user
+    states: 20 steps from the start of a scene, most of them in free fall, would teach nothing.
+
+    scenes  the user's own training scenes, None for the generated ones
+    raises  UserError where the user states that segments start from keyframes
+    """
+    if isinstance(model, MotionModel) or config.training.start != "keyframes":
+        return config, ()
+    reason = _no_keyframes(scenes) if scenes is not None else _no_keyframes_made(config)
+    if reason is None:
+        return config, ()
+    stated, others = stated_options(GROUP), file_options(GROUP, WITHOUT_KEYFRAMES)
+    settings = {
+        option: value
+        for option, value in others.items()
+        if not any(option == name or option.startswith(f"{name}.") for name in stated)
+    }
+    if "start" not in settings:
+        raise UserError(
+            f"training.start=keyframes is not accepted: {reason}; accepted: training=initial, for positions only"
+        )
+    settled = config.copy()
+    for option, value in settings.items():
+        OmegaConf.update(settled, f"{GROUP}.{option}", value)
+    shown = ", ".join(f"training.{option}={value}" for option, value in settings.items())
+    return settled, (f"trains on positions only, since {reason}: {shown}, as in training=initial",)
+
+
+def _no_keyframes(scenes: Sequence[SceneRecord]) -> str | None:
+    """That scenes of the user's hold no full states to start from; None if all of them do."""
+    lacking = [scene for scene in scenes if not can_restart(scene)]
+    if not lacking:
+        return None
+    which = "no scene" if len(lacking) == len(scenes) else f"not every scene ({lacking[0].label} is the first without)"
+    return f"{which} has keyframes after its start"
+
+
+def _no_keyframes_made(config: DictConfig) -> str | None:
+    """The same of scenes that are generated."""
+    every, steps = whole_number(config, "data.keyframe_every"), whole_number(config, "simulation.steps")
+    return None if every < steps else f"data.keyframe_every={every} leaves none within simulation.steps={steps}"

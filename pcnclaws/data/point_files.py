@@ -1,0 +1,125 @@
+"""Point files: bodies from an .npz or from the first frame of a trajectory file."""
+
+import logging
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from pcnclaws.data.first_motion import name_contradictions
+from pcnclaws.data.hdf5 import read_scenes, scene_names
+from pcnclaws.data.units import check_spacing
+from pcnclaws.errors import UserError
+from pcnclaws.geometry.shapes import PointCloud
+from pcnclaws.simulation.records import LARGEST_VOLUME
+
+log = logging.getLogger(__name__)
+
+POINT_FILES = (".npz", ".h5", ".hdf5")
+# Arrays of an .npz and the shapes of what they hold of a particle.
+ARRAYS: dict[str, tuple[int, ...]] = {"position": (3,), "velocity": (3,), "volume": (), "density": ()}
+REQUIRED = ("position", "velocity", "volume")
+LISTED = 8
+MAXIMUM_POINT_FILE_BYTES = 4 * 1024**3
+
+
+def read_point_file(path: str | Path, name: str | None = None) -> PointCloud:
+    """The body of a point file: an .npz of position, velocity and volume, or the first frame of a trajectory file.
+
+    Both may hold the density of each particle. Other arrays of an .npz are named in one line.
+
+    name    the scene of a trajectory file that holds several
+    raises  UserError, one line, for whatever is wrong with the file
+    """
+    path = Path(path)
+    if path.suffix.lower() not in POINT_FILES:
+        raise UserError(f"scene.particles={path} is not accepted; accepted: a file ending in {', '.join(POINT_FILES)}")
+    if not path.is_file():
+        raise UserError(f"scene.particles={path}: no such file")
+    return _read_npz(path) if path.suffix.lower() == ".npz" else _first_frame(path, name)
+
+
+def _first_frame(path: Path, name: str | None) -> PointCloud:
+    known = scene_names(path)
+    if name is None and len(known) > 1:
+        raise UserError(f"{path}: holds {len(known)} scenes; accepted: scene.name= one of {', '.join(known[:20])}")
+    record = read_scenes(path, [name if name is not None else known[0]])[0]
+    name_contradictions([record])
+    check_spacing(record.label, record.position[0], record.volume)
+    if record.initial_velocity is None:
+        raise UserError(f"{record.label}: has no initial_velocity; a scene cannot start from it")
+    start, keyframes = record.position[0], record.keyframes
+    body = PointCloud(
+        start.astype(np.float64),
+        record.initial_velocity.astype(np.float64),
+        record.volume.astype(np.float64),
+        density=None if record.density is None else record.density.astype(np.float64),
+    )
+    if keyframes is None or keyframes.step[0] != 0:
+        affine = record.initial_affine
+        return body if affine is None else body._replace(affine=affine.astype(np.float64))
+    return body._replace(
+        affine=keyframes.affine[0].astype(np.float64), deformation=keyframes.deformation[0].astype(np.float64)
+    )
+
+
+def _read_npz(path: Path) -> PointCloud:
+    try:
+        arrays = _arrays(path)
+    except UserError:
+        raise
+    except (
+        OSError,
+        ValueError,
+        EOFError,
+        KeyError,
+        TypeError,
+        MemoryError,
+        NotImplementedError,
+        RuntimeError,
+        zipfile.BadZipFile,
+        zlib.error,
+    ) as error:
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise UserError(f"{path}: not an .npz file of numbers, or damaged ({reason})") from error
+    position, volume = arrays["position"], arrays["volume"]
+    count = position.shape[0] if position.ndim else 0
+    for name, values in arrays.items():
+        if values.shape != (count, *ARRAYS[name]):
+            accepted = "(N, 3)" if ARRAYS[name] else "(N,)"
+            raise UserError(f"{path}: '{name}' has the shape {values.shape}; accepted: {accepted}, the same N for all")
+        if not np.isfinite(values).all():
+            raise UserError(f"{path}: '{name}' holds numbers that are not finite")
+    if count == 0:
+        raise UserError(f"{path}: holds no particle")
+    for name in ("volume", "density"):
+        if name in arrays and arrays[name].min() <= 0.0:
+            raise UserError(f"{path}: '{name}' is not positive everywhere")
+    if volume.sum() > LARGEST_VOLUME:
+        raise UserError(
+            f"{path}: 'volume' sums to {volume.sum():.3g}, more than the domain holds; accepted: m^3, at most 1"
+        )
+    check_spacing(str(path), position, volume)
+    return PointCloud(**arrays)
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """Those of ARRAYS in double precision. Objects are refused: reading one would run code from the file."""
+    with zipfile.ZipFile(path) as archive:
+        if sum(member.file_size for member in archive.infolist()) > MAXIMUM_POINT_FILE_BYTES:
+            raise UserError(f"{path}: claims more than {MAXIMUM_POINT_FILE_BYTES / 1024**3:g} GiB of points")
+    with np.load(path, allow_pickle=False) as file:
+        for name in REQUIRED:
+            if name not in file:
+                raise UserError(f"{path}: '{name}' is missing; accepted: position (N, 3), velocity (N, 3), volume (N,)")
+        arrays = {name: file[name] for name in ARRAYS if name in file}
+        others = [name if name.isprintable() else ascii(name) for name in file if name not in ARRAYS]
+    if others:
+        log.warning(
+            "%s: not read: %s; read: %s", path, ", ".join(name[:60] for name in others[:LISTED]), ", ".join(ARRAYS)
+        )
+    for name, values in arrays.items():
+        if values.dtype.kind not in "fiu":
+            raise UserError(f"{path}: '{name}' holds {values.dtype}; accepted: numbers")
+    return {name: values.astype(np.float64) for name, values in arrays.items()}

@@ -1,0 +1,58 @@
+"""How far apart the particles of a body are, beside the cells of the grid that carries them."""
+
+import logging
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import KDTree
+
+from pcnclaws.simulation.scenes import SceneStart
+
+log = logging.getLogger(__name__)
+
+# Of so many particles the neighbours are looked for.
+SAMPLE = 2000
+# Accepted rounding of a spacing of one cell, relative.
+ROUNDING = 1e-3
+
+
+def particle_spacing(position: Float[np.ndarray, "particles 3"], volume: Float[np.ndarray, " particles"]) -> float:
+    """Distance of neighbouring particles [m]: the edge of the cube that one stands for, or, if larger, the median one.
+
+    position  at the start [m]
+    volume    [m^3]
+    """
+    edge = float(np.mean(volume) ** (1.0 / 3.0))
+    if len(position) < 2:
+        return edge
+    sample = position[:: -(-len(position) // SAMPLE)]
+    return max(edge, float(np.median(KDTree(position).query(sample, k=2)[0][:, 1])))
+
+
+def particles_a_cell(start: SceneStart) -> float:
+    """Number of particles in a cell of the grid [-]."""
+    return (start.settings.grid_spacing / particle_spacing(start.position, start.volume)) ** 3
+
+
+def warn_of_sparse_particles(starts: Sequence[SceneStart]) -> None:
+    """One line where the particles of a scene are more than a cell apart: it breaks without a law of fracture."""
+    sparse = [start for start in starts if particles_a_cell(start) < 1.0 - 3.0 * ROUNDING]
+    if not sparse:
+        return
+    start = sparse[0]
+    dx, spacing = start.settings.grid_spacing, particle_spacing(start.position, start.volume)
+    others = f" (and {len(sparse) - 1} more)" if len(sparse) > 1 else ""
+    log.warning(
+        "scene '%s'%s: its particles are %.3g cells apart (%.3g m), %.2g a cell: with less than 1 a cell a body breaks "
+        "apart without a law of fracture; advised: at most %.3g m, better %.3g m (scene.particles_per_edge), or a "
+        "coarser grid (simulation.grid_nodes=%d)",
+        start.name,
+        others,
+        spacing / dx,
+        spacing,
+        particles_a_cell(start),
+        dx,
+        0.5 * dx,
+        max(int(1.0 / spacing + ROUNDING), 4),
+    )

@@ -1,0 +1,265 @@
+"""Many steps of any simulator: recorded, watched for divergence, or differentiated through.
+
+A step is a function from a state to the next one, so every simulator is run by the same code. Scenes of a batch that
+need no step are left out of it (active_scenes.py).
+"""
+
+import copy
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from pcnclaws.errors import ParticleEscaped, SimulationDiverged
+from pcnclaws.mpm.diagnostics import failing_particles, left_domain, why_failing
+from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.simulation.active_scenes import ActiveScenes
+from pcnclaws.simulation.at_rest import RestWatch
+from pcnclaws.simulation.cuda_graphs import advanced, differentiable_steps, records_steps
+from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.free_fall import free_steps
+from pcnclaws.simulation.gradient_checkpointing import recomputed_step
+from pcnclaws.simulation.recording import FramePlan, Recording, Trajectory
+from pcnclaws.simulation.simulator import Simulator, Step
+from pcnclaws.tensor_types import Parameters, ParticleMask
+
+Progress = Callable[[int], None]
+# Above this many particle-steps the graph of a differentiable rollout is not kept but computed again. A step keeps some
+# 5 kB a particle in PyTorch; compiled, 0.2 kB, which is not much more than its state.
+MOST_PARTICLE_STEPS = 100_000
+MOST_COMPILED_PARTICLE_STEPS = 3_000_000
+
+
+@torch.no_grad()
+def simulate(
+    step: Step,
+    state: ParticleState,
+    scenes: Scenes,
+    steps: int,
+    every: int = 1,
+    keyframe_every: int = 0,
+    scene_names: Sequence[str] | None = None,
+    advice: str = "",
+    progress: Progress | None = None,
+) -> Trajectory:
+    """Runs any step function without gradients and records it, velocities at the frames among it; skips nothing.
+
+    every           frames are kept at every `every`-th step
+    keyframe_every  full states are kept at every `keyframe_every`-th step, 0 for none
+    scene_names     names of the scenes for error messages
+    advice          what the message of a divergence ends with, such as the time-step limit
+    progress        called with the number of steps just done
+    raises          SimulationDiverged, naming scene, step and particle, as soon as a frame is due
+    """
+    run = ActiveScenes(lambda *_: step, state, scenes, {}, 0.0, [0] * scenes.scene_count)
+    recording = Recording(FramePlan(steps, every, keyframe_every, velocities=True), state)
+    return _run(run, recording, None, _Report(scene_names, advice, progress))
+
+
+def simulate_scenes(
+    simulator: Simulator,
+    state: ParticleState,
+    scenes: Scenes,
+    parameters: Parameters,
+    plan: FramePlan,
+    scene_names: Sequence[str] | None = None,
+    progress: Progress | None = None,
+    skips: Skips | None = None,
+) -> Trajectory:
+    """Runs the scenes of a batch without gradients, each one only while it needs steps, and records them.
+
+    plan      the number of steps and what is kept of them
+    skips     what is left out, everything by default
+    progress  called with the number of steps just done
+    raises    SimulationDiverged, naming scene, step and particle, as soon as a frame is due
+    """
+    skips = skips or Skips()
+    settings = simulator.integrator.settings
+    with torch.set_grad_enabled(not skips.graph):
+        free = _free_steps(simulator, state, scenes, parameters, plan.steps, skips)
+        run = ActiveScenes(simulator.step_function, state, scenes, parameters, settings.time_step, free)
+        recording = Recording(plan, state, everything=not skips.history)
+        watch = RestWatch(settings, plan.steps) if skips.rest else None
+        return _run(run, recording, watch, _Report(scene_names, "", progress), simulator)
+
+
+@torch.no_grad()
+def state_after(
+    simulator: Simulator, state: ParticleState, scenes: Scenes, parameters: Parameters, steps: int
+) -> ParticleState:
+    """The state `steps` steps later: every step is run, without a graph, and nobody looks whether it is physical."""
+    if records_steps(state, scenes):
+        return advanced(simulator, state, scenes, parameters, steps)[0]
+    step = simulator.step_function(scenes, parameters)
+    for _ in range(steps):
+        state = step(state)
+    return state
+
+
+def differentiable_rollout(
+    simulator: Simulator,
+    state: ParticleState,
+    scenes: Scenes,
+    parameters: Parameters,
+    steps: int,
+    every: int = 1,
+    recompute: bool | None = None,
+    skips: Skips | None = None,
+) -> Float[Tensor, "frames 3 particles"]:
+    """Positions [m] after every `every`-th step (the start not included), with gradients of everything.
+
+    recompute  keep only the state of each step (96 bytes a particle in float32) and compute the step again in the
+               backward pass, so that memory grows with the state instead of with the graph; costs one more
+               forward pass. First derivatives in reverse mode only: use False under forward-mode differentiation.
+               None does so in long rollouts of many particles.
+    skips      what is left out, all that is exact by default: the last step is always run, so that a gradient of
+               every input exists
+    """
+    at = range(every, steps + 1, every)
+    return positions_at(simulator, state, scenes, parameters, at, steps, recompute, skips)
+
+
+def positions_at(
+    simulator: Simulator,
+    state: ParticleState,
+    scenes: Scenes,
+    parameters: Parameters,
+    at: Sequence[int],
+    steps: int | None = None,
+    recompute: bool | None = None,
+    skips: Skips | None = None,
+) -> Float[Tensor, "frames 3 particles"]:
+    """Positions [m] at some steps, 0 being the start, with derivatives as in differentiable_rollout.
+
+    at     increasing numbers of steps
+    steps  how many are run, None for as many as are needed
+    """
+    skips, steps = skips or Skips(), max(at[-1], 1) if steps is None else steps
+    free = [min(n, steps - 1) for n in _free_steps(simulator, state, scenes, parameters, steps, skips)]
+    weights = list(simulator.parameters())
+    if weights and not skips.weight_gradients and not any(weight.requires_grad for weight in weights):
+        simulator = copy.deepcopy(simulator).requires_grad_()
+    if recompute is None and not records_steps(state, scenes):
+        most = MOST_COMPILED_PARTICLE_STEPS if simulator.runs_compiled(state) else MOST_PARTICLE_STEPS
+        recompute = _particle_steps(scenes, steps, free) > most
+    step_of = partial(simulator.step_function, one_graph=True)
+    run = ActiveScenes(step_of, state, scenes, parameters, simulator.integrator.settings.time_step, free)
+
+    wanted = set(at)
+    positions = [state.position] if 0 in wanted else []
+    for n in sorted(n for n in {*wanted, *run.joins, steps} if 0 < n <= steps):
+        run.reached(n, _differentiable_steps(simulator, run, n - run.n, bool(recompute)))
+        if n in wanted:
+            positions.append(run.whole().position)
+    return torch.stack(positions)
+
+
+def _differentiable_steps(simulator: Simulator, run: ActiveScenes, count: int, recompute: bool) -> ParticleState:
+    """The state of the running scenes `count` steps later."""
+    state, (scenes, parameters) = run.state, run.group[2:]
+    if not run.any_running:
+        return state
+    if records_steps(state, scenes):
+        given = (*state, *parameters.values(), *simulator.trained_weights())
+        if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in given):
+            return differentiable_steps(simulator, state, scenes, parameters, count)
+        return advanced(simulator, state, scenes, parameters, count)[0]
+    for _ in range(count):
+        if recompute and torch.is_grad_enabled():
+            state = recomputed_step(simulator, state, scenes, parameters)
+        else:
+            state = run.step(state)
+    return state
+
+
+class _Report(NamedTuple):
+    """Whom to tell: the names and the advice for a divergence, and what hears of progress."""
+
+    scene_names: Sequence[str] | None
+    advice: str
+    progress: Progress | None
+
+
+def _run(
+    run: ActiveScenes,
+    recording: Recording,
+    watch: RestWatch | None,
+    report: _Report,
+    simulator: Simulator | None = None,
+) -> Trajectory:
+    """Runs from one look to the next: at frames, where scenes begin to run, and where they may have come to rest.
+
+    simulator  what the steps are of, None for any other step function
+    """
+    plan = recording.plan
+    frames, rests = set(plan.frames), set(watch.looks if watch else ())
+    _require_physical(run, failing_particles(run.state), 0, report)
+    for n in sorted(n for n in {*frames, *rests, *run.joins, plan.steps} if n <= plan.steps):
+        _advance(run, n, report, simulator)
+        if n in frames:
+            recording.put(n, run.whole())
+        if watch and n in rests and run.any_running:
+            run.leave(watch.resting(n, run.group.numbers, run.state, run.group.scenes))
+    return recording.trajectory()
+
+
+def _advance(run: ActiveScenes, n: int, report: _Report, simulator: Simulator | None) -> None:
+    """Runs to step n with one look at the device at its end; the exact step is found again when it matters."""
+    state, count = run.state, n - run.n
+    records = simulator is not None and not torch.is_grad_enabled() and records_steps(state, run.group.scenes)
+    if simulator is not None and records and run.any_running and count:
+        state, failed = advanced(simulator, state, run.group.scenes, run.group.parameters, count)
+        if report.progress:
+            report.progress(count)
+        _require_physical(run, failed, count, report)
+    elif run.any_running and count:
+        failed = torch.zeros_like(run.group.scenes.scene_index, dtype=torch.bool)
+        for _ in range(count):
+            state = run.step(state)
+            failed = failed | failing_particles(state)
+            if report.progress:
+                report.progress(1)
+        _require_physical(run, failed, count, report)
+    elif report.progress and count:
+        report.progress(count)
+    run.reached(n, state)
+
+
+def _require_physical(run: ActiveScenes, failed: ParticleMask, count: int, report: _Report) -> None:
+    """Raises the error that names the first failing particle, found by running again from the last good state.
+
+    failed  which particles failed in the `count` steps after it
+    """
+    if not bool(failed.any()):
+        return
+    state, n, scene_index = run.state, run.n, run.group.scenes.scene_index
+    while not bool((failing := failing_particles(state)).any()) and n < run.n + count:
+        state, n = run.step(state), n + 1
+    again = bool(failing.any())
+    particle = int((failing if again else failed).nonzero()[0])
+    # on a GPU two runs differ by rounding
+    why = why_failing(state, particle) if again else "it left the domain or turned inside out by no more than rounding"
+    scene = int(scene_index[particle])
+    within = particle - int((scene_index < scene).sum())
+    number = run.group.numbers[scene]
+    name = report.scene_names[number] if report.scene_names else str(number)
+    ending = f"; {report.advice}" if report.advice else ""
+    kind = ParticleEscaped if again and left_domain(state, particle) else SimulationDiverged
+    raise kind(f"scene '{name}' diverged at step {n}: particle {within}: {why}{ending}")
+
+
+def _free_steps(
+    simulator: Simulator, state: ParticleState, scenes: Scenes, parameters: Parameters, steps: int, skips: Skips
+) -> list[int]:
+    if not skips.free_fall:
+        return [0] * scenes.scene_count
+    return free_steps(simulator, state, scenes, parameters, steps)
+
+
+def _particle_steps(scenes: Scenes, steps: int, free: Sequence[int]) -> int:
+    """Steps of single particles that a rollout takes."""
+    counts = torch.bincount(scenes.scene_index, minlength=scenes.scene_count).tolist()
+    return sum(count * (steps - n) for count, n in zip(counts, free, strict=True))

@@ -1,0 +1,66 @@
+"""The only place where the physics of motion and the physics of material meet."""
+
+from collections.abc import Callable
+from functools import partial
+
+from torch import Tensor, nn
+
+from pcnclaws.compiled.calls import kernels_serve
+from pcnclaws.laws.base import Elasticity, FixedParameters, Law, Plasticity
+from pcnclaws.mpm.integrator import MPMIntegrator
+from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.tensor_types import Parameters
+
+Step = Callable[[ParticleState], ParticleState]
+STATE_FIELDS, SCENE_FIELDS = len(ParticleState._fields), len(Scenes._fields)
+
+
+class Simulator(nn.Module):
+    """One step of elastoplastic motion: stress, MPM step, plastic return (paper, algorithm 2).
+
+    plasticity None is a purely elastic material: no plastic law is evaluated.
+    """
+
+    def __init__(self, elasticity: Elasticity, plasticity: Plasticity | None, integrator: MPMIntegrator) -> None:
+        super().__init__()
+        self.elasticity = elasticity
+        self.plasticity = plasticity
+        self.integrator = integrator
+
+    def forward(
+        self, state: ParticleState, scenes: Scenes, parameters: Parameters, evaluated: bool = True
+    ) -> ParticleState:
+        """The state one time step later.
+
+        evaluated  False for a state that is differentiated but not looked at: its deformation may have no meaning
+        """
+        stress = self.elasticity(state.deformation, parameters)
+        trial = self.integrator(state, stress, scenes)
+        if self.plasticity is None:
+            return trial
+        after_flow = self.plasticity(trial.deformation, parameters, evaluated)
+        return ParticleState(trial.position, trial.velocity, trial.affine, after_flow)
+
+    @property
+    def laws(self) -> list[Law]:
+        """The elastic law, and the plastic law where there is one."""
+        return [self.elasticity] if self.plasticity is None else [self.elasticity, self.plasticity]
+
+    def trained_weights(self) -> list[Tensor]:
+        """The weights of the laws that are differentiated."""
+        return [weight for weight in self.parameters() if weight.requires_grad]
+
+    def runs_compiled(self, state: ParticleState) -> bool:
+        """Whether every part of a step from this state is a compiled kernel.
+
+        On a CPU the graph of such a step is no more than its inputs.
+        """
+        return all(law.kernel is not None for law in self.laws) and kernels_serve(state.position)
+
+    def step_function(self, scenes: Scenes, parameters: Parameters, one_graph: bool = False) -> Step:
+        """The step as a function of the state alone; the parameters must not be changed in place meanwhile.
+
+        one_graph  all steps are differentiated in one backward pass: what the laws read of the parameters is computed
+                   and differentiated once
+        """
+        return partial(self.forward, scenes=scenes, parameters=FixedParameters(parameters, one_graph))

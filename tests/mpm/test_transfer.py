@@ -1,0 +1,79 @@
+"""What the transfers and a free step conserve."""
+
+import pytest
+import torch
+from bodies import (
+    NO_GRAVITY,
+    analytic_simulator,
+    in_precision,
+    per_particle,
+    seeded,
+    spinning,
+    uniform,
+)
+from moving_body import PARTICLES, moving_body, stress_free
+
+from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.mpm.diagnostics import angular_momentum, linear_momentum
+from pcnclaws.mpm.grid import Grid
+from pcnclaws.mpm.integrator import MPMIntegrator
+from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.mpm.shape_functions import quadratic_stencil
+from pcnclaws.mpm.state import ParticleState
+from pcnclaws.mpm.transfer import grid_to_particles, particles_to_grid
+from pcnclaws.simulation.rollout import simulate
+
+WEIGHTLESS = SimulationSettings(gravity=NO_GRAVITY)
+
+
+def test_transfers_to_the_grid_conserve_mass_and_momentum() -> None:
+    state, scenes = moving_body()
+    grid = Grid(20)
+    stencil = quadratic_stencil(state.position, scenes.scene_index, grid, grid.stencil_offsets())
+    nodes = particles_to_grid(
+        stencil, scenes.mass, scenes.mass * state.velocity, 1e3 * state.affine, grid.spacing, grid.size
+    )
+    torch.testing.assert_close(nodes[3].sum(), scenes.mass.sum(), rtol=1e-15, atol=0)
+    torch.testing.assert_close(nodes[:3].sum(1), linear_momentum(state, scenes)[:, 0], rtol=0, atol=2e-12)
+
+
+def test_transfers_back_reproduce_a_linear_velocity_field() -> None:
+    state, scenes = moving_body()
+    grid, gradient = Grid(20), uniform(seeded(1), 3, 3)
+    stencil = quadratic_stencil(state.position, scenes.scene_index, grid, grid.stencil_offsets())
+    axis = grid.coordinates()
+    points = torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij")).flatten(1)
+    velocity, affine = grid_to_particles(stencil, gradient @ points, grid.spacing)
+    torch.testing.assert_close(velocity, gradient @ state.position, rtol=0, atol=1e-14)
+    torch.testing.assert_close(affine, gradient[:, :, None].expand_as(affine), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+def test_a_step_without_gravity_conserves_momentum_even_under_stress(dtype: torch.dtype) -> None:
+    state, scenes = moving_body()
+    state, scenes = in_precision(state, dtype), in_precision(scenes, dtype)
+    step = analytic_simulator("elasticity", WEIGHTLESS).step_function(
+        scenes, per_particle(MATERIALS["elasticity"].defaults, PARTICLES, dtype)
+    )
+    after = simulate(step, state, scenes, 50, every=50)
+    change = linear_momentum(state._replace(velocity=after.velocity[-1]), scenes) - linear_momentum(state, scenes)
+    scale = (scenes.mass * state.velocity.abs()).sum()
+    assert change.abs().max() / scale < 20 * torch.finfo(dtype).eps
+
+
+@pytest.mark.parametrize("elastic", [False, True], ids=["no stress", "elastic"])
+def test_free_rotation_conserves_angular_momentum_with_its_affine_part(elastic: bool) -> None:
+    state, scenes = moving_body()
+    spin = spinning(state.position, (0.3, -0.2, 0.1), (2.0, -5.0, 8.0))
+    state = ParticleState.at_rest_shape(state.position, spin)
+    integrator = MPMIntegrator(WEIGHTLESS)
+    elastic_step = analytic_simulator("elasticity", WEIGHTLESS).step_function(
+        scenes, per_particle(MATERIALS["elasticity"].defaults, PARTICLES)
+    )
+    at_start = angular_momentum(state, scenes, integrator.grid.spacing)
+    for _ in range(100):
+        state = elastic_step(state) if elastic else integrator(state, stress_free(state), scenes)
+    after = angular_momentum(state, scenes, integrator.grid.spacing)
+    without_affine = angular_momentum(state._replace(affine=0.0 * state.affine), scenes, integrator.grid.spacing)
+    torch.testing.assert_close(after, at_start, rtol=1e-12, atol=0)
+    assert (without_affine - at_start).abs().max() > 1e-3 * at_start.abs().max()

@@ -1,0 +1,192 @@
+"""The switches: each one leaves the result as it is, and each one can be turned off from the command line."""
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from conftest import Outcome
+from falling_bodies import OFF, ON, analytic, batch, body, neural, run
+from omegaconf import DictConfig
+from recorded_scenes import recorded, small_cube
+
+from pcnclaws.commands.composition import compose_config
+from pcnclaws.commands.configuration import skips_from
+from pcnclaws.data.hdf5 import read_scenes
+from pcnclaws.evaluation.tasks import evaluate_records
+from pcnclaws.generate import generate
+from pcnclaws.laws.base import Elasticity
+from pcnclaws.laws.elasticity import FixedCorotated
+from pcnclaws.laws.materials import MATERIALS, Laws, analytic_laws
+from pcnclaws.laws.plasticity import NoPlasticity
+from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulate import simulate
+from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.recording import FramePlan
+from pcnclaws.simulation.rollout import differentiable_rollout
+from pcnclaws.simulation.scenes import simulate_records, simulator_of
+from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.training.module import OptimiserSettings
+from pcnclaws.training.multi_scene import MultiSceneModule
+
+SWITCHES = [switch.name for switch in fields(Skips)]
+LANDING = batch(body((0.5, 0.3, 0.5), (0.3, -2.0, 0.0)), body((0.5, 0.35, 0.5), (0.0, -2.0, 0.1)))
+PLAN = FramePlan(40, every=4, keyframe_every=20)
+# of one switch: those that change the order of additions, or what is computed, are not exact to the last bit
+EXACT = {"plasticity", "history", "graph", "weight_gradients"}
+
+
+@pytest.mark.parametrize("switch", [*SWITCHES, "all"])
+def test_a_run_is_the_same_with_the_switch_off(switch: str) -> None:
+    off = OFF if switch == "all" else replace(ON, **{switch: False})
+    kept, computed = run(analytic(), LANDING, PLAN), run(analytic(), LANDING, PLAN, off)
+    for a, b in ((kept.position, computed.position), (kept.deformation, computed.deformation)):
+        torch.testing.assert_close(a, b, rtol=0.0, atol=0.0 if switch in EXACT else 1e-12)
+
+
+@pytest.mark.parametrize("entry", ["simulate", "generate", "evaluate", "train"])
+def test_the_switches_are_options_of_every_command_that_simulates(entry: str) -> None:
+    assert skips_from(compose_config(entry)) == Skips()
+    assert skips_from(compose_config(entry, ["simulation.skip=none"])) == Skips.none()
+    assert skips_from(compose_config(entry, ["simulation.skip=all"])) == Skips()
+    for switch in SWITCHES:
+        assert skips_from(compose_config(entry, [f"simulation.skip.{switch}=false"])) == replace(ON, **{switch: False})
+    only_rest = compose_config(entry, ["simulation.skip=none", "simulation.skip.rest=true"])
+    assert skips_from(only_rest) == replace(OFF, rest=True)
+
+
+@pytest.mark.parametrize(
+    ("option", "line"),
+    [
+        ("simulation.skip=nothing", "simulation.skip='nothing' is not known; accepted: all, none"),
+        ("simulation.skip=false", "simulation.skip='false' is not known; accepted: all, none"),
+        ("simulation.skip=", "simulation.skip='' is not known; accepted: all, none"),
+        ("+simulation.skip=nothing", "simulation.skip='nothing' is not known; accepted: all, none"),
+        ("simulation.skip.rest=maybe", "simulation.skip.rest=maybe is not accepted; accepted: true or false"),
+        (
+            "simulation.skip.fall=true",
+            "option='simulation.skip.fall' is not known; accepted: simulation.skip.free_fall",
+        ),
+        ("~simulation.skip.rest", "option 'simulation.skip.rest' is missing; accepted: true or false"),
+    ],
+)
+def test_wrong_switches_are_refused_in_one_line(option: str, line: str, in_process) -> None:
+    done: Outcome = in_process(_do_nothing, "simulate", option)
+    assert (done.status, len(done.err.splitlines())) == (2, 1), done.err
+    assert line in done.err
+
+
+def test_a_sweep_can_compare_the_switches(in_process, tmp_path: Path) -> None:
+    options = ("material=elasticity", "scene.particles_per_edge=4", "simulation.steps=10", "picture=false")
+    done = in_process(simulate, "simulate", *options, "precision=float64", "--multirun", "simulation.skip=all,none")
+    assert done.status == 0, done.err
+    first, second = (read_scenes(path)[0] for path in sorted(tmp_path.rglob("*.h5")))
+    np.testing.assert_allclose(first.position, second.position, atol=1e-7)
+    assert first.velocity is not None
+    assert second.velocity is not None
+    np.testing.assert_allclose(first.velocity, second.velocity, atol=1e-6)
+
+
+def test_data_does_not_depend_on_the_switches(in_process, tmp_path: Path) -> None:
+    options = ("material=sand", "scene.particles_per_edge=3", "simulation.steps=20", "data.keyframe_every=10")
+    few = ("data.train_scenes=1", "data.validation_scenes=1", "output=data")
+    assert in_process(generate, "generate", *options, *few).status == 0
+    files = {path: path.read_bytes() for path in tmp_path.rglob("*.h5")}
+    assert in_process(generate, "generate", *options, *few, "simulation.skip=none").status == 0
+    assert files == {path: path.read_bytes() for path in tmp_path.rglob("*.h5")}, "nothing is made anew"
+
+
+def test_a_purely_elastic_material_has_no_plastic_law_unless_asked() -> None:
+    laws = analytic_laws(MATERIALS["elasticity"])
+    assert simulator_of(laws, SimulationSettings()).plasticity is None
+    assert isinstance(simulator_of(laws, SimulationSettings(), OFF).plasticity, NoPlasticity)
+    sand = analytic_laws(MATERIALS["sand"])
+    assert simulator_of(sand, SimulationSettings(), OFF).plasticity is sand.plasticity
+
+
+def test_velocities_and_strains_are_kept_only_where_they_are_asked_for() -> None:
+    cube = small_cube()
+    laws = analytic_laws(MATERIALS["sand"])
+    plain, asked = (simulate_records([cube], laws, 20, 5, velocities=wanted)[0] for wanted in (False, True))
+    assert plain.velocity is None
+    assert plain.keyframes is None
+    assert asked.velocity is not None
+    assert asked.initial_velocity is not None
+    np.testing.assert_array_equal(asked.velocity[0], asked.initial_velocity)
+    everything = run(analytic(), LANDING, FramePlan(40, every=4), replace(ON, history=False))
+    assert len(everything.velocity) == 11
+    assert len(run(analytic(), LANDING, FramePlan(40, every=4)).velocity) == 0
+    assert len(everything.deformation) == len(everything.keyframe_velocity) == 0, "kept, but not asked for"
+
+
+def test_keyframes_are_full_states_without_velocities_at_the_frames() -> None:
+    (record,), (with_velocity,) = (
+        simulate_records([small_cube()], analytic_laws(MATERIALS["sand"]), 20, 5, 10, velocities=wanted)
+        for wanted in (False, True)
+    )
+    assert record.keyframes is not None
+    assert with_velocity.velocity is not None
+    np.testing.assert_array_equal(record.keyframes.velocity, with_velocity.velocity[::2])
+
+
+class Listening(Elasticity):
+    """Fixed corotated elasticity that remembers whether a graph was recorded."""
+
+    parameter_names = ("youngs_modulus", "poissons_ratio")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.recorded: set[bool] = set()
+
+    def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
+        stress = FixedCorotated().kirchhoff_stress(deformation, parameters)
+        self.recorded.add(stress.requires_grad)
+        return stress
+
+    def __deepcopy__(self, memo: dict) -> "Listening":
+        return self
+
+
+@pytest.mark.parametrize("graph", [True, False])
+def test_a_graph_is_recorded_only_with_the_switch_off(graph: bool) -> None:
+    law = Listening()
+    cube = small_cube(material="elasticity")
+    simulate_records([cube], Laws(law, None), 10, 5, skips=replace(ON, graph=graph, free_fall=False))
+    assert law.recorded == {not graph}
+
+
+def test_the_checks_of_a_training_take_its_switches() -> None:
+    law = Listening()
+    record = recorded(small_cube(material="elasticity"), steps=10)[0]
+    module = MultiSceneModule(Laws(law, None), [record.settings], OptimiserSettings(), 1, replace(ON, graph=False))
+    module.register_parameter("weight", torch.nn.Parameter(torch.zeros(())))
+    assert module.rollout_error([record]) < 1e-12
+    assert True in law.recorded
+
+
+def test_frozen_weights_get_gradients_only_with_the_switch_off() -> None:
+    frozen = neural("elasticity").requires_grad_(False)
+    stiffness = LANDING.parameters["youngs_modulus"].clone().requires_grad_()
+    asked = LANDING._replace(parameters=LANDING.parameters | {"youngs_modulus": stiffness})
+    gradients = []
+    for skips in (ON, replace(ON, weight_gradients=False)):
+        (gradient,) = torch.autograd.grad(differentiable_rollout(frozen, *asked, 40, 40, skips=skips).sum(), stiffness)
+        gradients.append(gradient)
+        nothing_asked = differentiable_rollout(frozen, *LANDING, 5, 5, skips=skips)
+        assert nothing_asked.requires_grad is not skips.weight_gradients
+    assert gradients[0].abs().max() > 0.0
+    torch.testing.assert_close(*gradients, rtol=1e-12, atol=0.0)
+    assert all(weight.grad is None and not weight.requires_grad for weight in frozen.parameters())
+
+
+def test_an_evaluation_is_the_same_with_the_switches_off() -> None:
+    records = recorded(small_cube("a"), small_cube("b", velocity=(0.0, -1.0, 1.0)))
+    laws = analytic_laws(MATERIALS["sand"])
+    kept, computed = (evaluate_records(records, laws, torch.float64, skips=skips) for skips in (ON, OFF))
+    for a, b in zip(kept, computed, strict=True):
+        np.testing.assert_allclose(a.predicted.position, b.predicted.position, atol=1e-7)
+
+
+def _do_nothing(config: DictConfig) -> None:
+    pass
