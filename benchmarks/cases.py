@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from pcnclaws.geometry.shapes import particles, spin_velocity
-from pcnclaws.laws.materials import Laws, analytic_laws, material_named
+from pcnclaws.laws.analytic import Laws, analytic_laws
+from pcnclaws.laws.materials import material_named
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState

@@ -11,7 +11,8 @@ import torch
 
 from benchmarks.yardstick import Yardstick
 from pcnclaws.atomic import one_line_writing, replaced_file
-from pcnclaws.laws.materials import Laws, Material
+from pcnclaws.laws.analytic import Laws
+from pcnclaws.laws.materials import Material
 from pcnclaws.provenance import commit
 
 

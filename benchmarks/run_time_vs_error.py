@@ -22,7 +22,8 @@ from benchmarks.run_time_vs_error_report import draw, tables
 from benchmarks.sweep import Trial, automatic_of, presets_of, trials_of
 from benchmarks.timed_runs import cost_of_run, timed_run
 from pcnclaws.errors import SimulationDiverged, UserError
-from pcnclaws.laws.materials import Laws, Material, analytic_laws, material_named
+from pcnclaws.laws.analytic import Laws, analytic_laws
+from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.neural import build_neural_laws
 
 __all__ = ["draw", "run", "tables"]

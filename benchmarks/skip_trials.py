@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from benchmarks.cases import PAPER, Case, frame_every, laws_of
 from pcnclaws.geometry.shapes import particles
-from pcnclaws.laws.materials import Laws, material_named
+from pcnclaws.laws.analytic import Laws
+from pcnclaws.laws.materials import material_named
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.rollout import differentiable_rollout
 from pcnclaws.simulation.scenes import SceneStart, batch_scenes, simulate_records, simulator_of

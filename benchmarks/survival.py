@@ -15,8 +15,9 @@ from torch import Tensor
 from benchmarks.cell_lattices import Box, filled
 from pcnclaws.evaluation.energy import potential_energy, scene_energy
 from pcnclaws.geometry.shapes import spin_velocity
+from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.base import Elasticity
-from pcnclaws.laws.materials import analytic_laws, material_named
+from pcnclaws.laws.materials import material_named
 from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState

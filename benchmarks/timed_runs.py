@@ -13,7 +13,7 @@ from jaxtyping import Float
 from benchmarks.cell_lattices import Box, Lattice, filled
 from benchmarks.yardstick import seconds
 from pcnclaws.compiled.backend import using_backend
-from pcnclaws.laws.materials import Laws
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
 from pcnclaws.simulation.fast_paths import Skips

@@ -21,7 +21,8 @@ from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.evaluation.builtin import paper_errors
 from pcnclaws.evaluation.tasks import evaluate_records
 from pcnclaws.geometry.shapes import particles
-from pcnclaws.laws.materials import Laws, Material, analytic_laws, material_named
+from pcnclaws.laws.analytic import Laws, analytic_laws
+from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import simulate_records

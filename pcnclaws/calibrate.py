@@ -13,7 +13,8 @@ from pcnclaws.estimation.law_error import CALIBRATION, calibrated_error, known_l
 from pcnclaws.estimation.uncertainty import QUANTILE_95
 from pcnclaws.evaluation.report import write_metrics
 from pcnclaws.geometry.shapes import spin_velocity
-from pcnclaws.laws.materials import Material, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import Material
 from pcnclaws.provenance import provenance
 from pcnclaws.simulation.scenes import SceneStart, simulate_records
 

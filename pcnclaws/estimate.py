@@ -36,7 +36,8 @@ from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.uncertainty import Uncertainty, uncertainty
 from pcnclaws.estimation.unknowns import Unknowns
 from pcnclaws.evaluation.report import write_metrics
-from pcnclaws.laws.materials import Laws, Material
+from pcnclaws.laws.analytic import Laws
+from pcnclaws.laws.materials import Material
 from pcnclaws.provenance import provenance
 from pcnclaws.simulation.particle_spacing import warn_of_sparse_particles
 from pcnclaws.simulation.scenes import simulate_records

@@ -77,14 +77,21 @@ def principal_axes(f: Batch) -> tuple[Batch, Batch, Bool[Tensor, " particles"]]:
     q, r = torch.linalg.qr(lower)
     g = torch.zeros_like(f).scatter_(2, columns[:, None, :].expand_as(f), r @ (d[:, :, None] * upper))
     q = torch.zeros_like(f).scatter_(1, rows[:, :, None].expand_as(f), q)
-    turning = upright
     for _ in range(MOST_SWEEPS):
-        if not turning.any():
+        if not orthogonalise(q, g).any():
             break
-        turning = torch.zeros_like(upright)
-        for p, s in ((0, 1), (0, 2), (1, 2)):
-            turning = turning | _turn_rows(q, g, p, s)
     return q, torch.ldexp(g, exponent), upright
+
+
+def orthogonalise(q: Batch, g: Batch) -> Bool[Tensor, " particles"]:
+    """One sweep of one-sided Jacobi rotations of the rows of G (Hestenes 1958), in place, that keeps Q G.
+
+    Returns the particles whose rows were not orthogonal.
+    """
+    turning = torch.zeros_like(g[:, 0, 0], dtype=torch.bool)
+    for p, s in ((0, 1), (0, 2), (1, 2)):
+        turning = turning | _turn_rows(q, g, p, s)
+    return turning
 
 
 def _completely_pivoted(f: Batch) -> tuple[Tensor, Tensor, Batch, Values, Batch, Tensor]:

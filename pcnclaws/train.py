@@ -31,7 +31,7 @@ from pcnclaws.commands.training_setup import Setup, check_training, regime_from,
 from pcnclaws.commands.training_start import settled_start
 from pcnclaws.data.locks import written_alone
 from pcnclaws.errors import UserError
-from pcnclaws.laws.materials import Laws
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.provenance import commit
 from pcnclaws.simulation.motion import Model
 from pcnclaws.training.hyperparameters import log_hyperparameters

@@ -6,7 +6,8 @@ from typing import TypeVar
 import torch
 from torch import Tensor
 
-from pcnclaws.laws.materials import analytic_laws, material_named
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import material_named
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes

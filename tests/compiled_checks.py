@@ -8,7 +8,11 @@ from bodies import per_particle, seeded, uniform
 from torch import Tensor
 from torch.autograd import forward_ad
 
-from pcnclaws.laws.materials import Laws, analytic_laws, material_named
+from pcnclaws.compiled.law_source import LawKernel
+from pcnclaws.laws.analytic import Laws, analytic_laws
+from pcnclaws.laws.base import Law
+from pcnclaws.laws.materials import material_named
+from pcnclaws.laws.networks import ConditionalMLP
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
@@ -36,8 +40,18 @@ def laws_of(material: str, kind: str, width: int = 64) -> Laws:
     laws = build_neural_laws(material_named(material), {"name": MODELS[kind], "width": width})
     for law in laws:
         if law is not None:
-            torch.nn.init.normal_(law.kernel_weights()[2], std=0.05)
+            torch.nn.init.normal_(network_of(law).weights[2], std=0.05)
     return laws
+
+
+def network_of(law: Law) -> ConditionalMLP:
+    assert isinstance(law.network, ConditionalMLP)
+    return law.network
+
+
+def kernel_of(law: Law) -> LawKernel:
+    assert law.kernel is not None
+    return law.kernel
 
 
 def simulator_of(material: str, kind: str, boundary: str = "slip", width: int = 64, window: bool = True) -> Simulator:

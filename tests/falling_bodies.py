@@ -7,7 +7,8 @@ import numpy as np
 import torch
 from bodies import EARTH, joined, lattice, per_particle
 
-from pcnclaws.laws.materials import MATERIALS, Laws, analytic_laws
+from pcnclaws.laws.analytic import Laws, analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes

@@ -7,7 +7,7 @@ from bodies import per_particle, seeded, uniform
 from torch import Tensor
 
 from pcnclaws.laws.base import Elasticity, Plasticity
-from pcnclaws.laws.parameters import lame_constants
+from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.linalg3 import exp_symmetric, hencky_strain, identity_like, matmul, trace, transpose
 
 COUNT = 100

@@ -12,7 +12,8 @@ from pcnclaws.data.observation_files import from_record
 from pcnclaws.estimation.levenberg_marquardt import LevenbergMarquardt
 from pcnclaws.estimation.problem import EstimationProblem, Linearisation
 from pcnclaws.estimation.unknowns import Unknowns, components_of, make_unknowns
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.simulation.scenes import SceneStart, simulate_records
 
 TRUTH = {

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from pcnclaws.laws.analytic import Laws, analytic_laws
 from pcnclaws.laws.elasticity import StVKHencky
-from pcnclaws.laws.materials import MATERIALS, Laws, analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart, simulate_records

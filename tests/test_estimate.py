@@ -11,7 +11,8 @@ from observed_bodies import TRUTH, start
 from pcnclaws.data.hdf5 import read_scenes, write_scenes
 from pcnclaws.estimate import estimate
 from pcnclaws.estimation.inverse import InverseModule
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import simulate_records
 

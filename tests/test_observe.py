@@ -10,7 +10,8 @@ from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.markers import surface_particles
 from pcnclaws.data.observation_files import from_table
 from pcnclaws.geometry.shapes import PointCloud, particles
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.observe import observe
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import simulate_records

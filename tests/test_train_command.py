@@ -23,8 +23,8 @@ from training_bodies import EVERY, Scaled, lifted, recorded, starts
 
 from pcnclaws.commands.runs import CONFIG, METRICS, WEIGHTS, load_run
 from pcnclaws.data.hdf5 import write_scenes
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.elasticity import NeoHookean, StVKHencky
-from pcnclaws.laws.materials import Laws
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.simulation.scenes import simulate_records
 from pcnclaws.train import train

@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from torch import nn
 
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.elasticity import FixedCorotated
-from pcnclaws.laws.materials import Laws
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart, simulate_records

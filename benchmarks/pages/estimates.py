@@ -12,6 +12,7 @@ from benchmarks.pages.documents import Document, read_document
 from benchmarks.pages.searches import compared_searches, searches_picture
 from pcnclaws.atomic import replaced_file
 from pcnclaws.errors import UserError
+from pcnclaws.laws.parameters import PARAMETERS
 
 WAYS = {
     "analytic": "analytic law",
@@ -54,14 +55,6 @@ PAPER = {
     "sand_2": (3.36e5, 0.21, 25.1),
     "sand_3": (2.71e5, 0.27, 22.0),
 }
-SYMBOLS = {
-    "youngs_modulus": "E [kPa]",
-    "poissons_ratio": "\N{GREEK SMALL LETTER NU}",
-    "friction_angle": "φ [°]",
-    "yield_stress": "τ_Y [kPa]",
-}
-THOUSANDS = ("youngs_modulus", "yield_stress")
-
 INTRODUCTION = """\
 The nine objects of the paper, observed for 500 steps in every fifth frame, from the paper's own guesses. Each cell is
 the estimate with its 95 % interval; the truth is simulated with the analytic law. Written by `make tables` from the
@@ -155,10 +148,10 @@ def _summary(by_object: Mapping[str, Mapping[str, Document]], truths: Mapping[st
             continue
         held = sum(one["interval_95"][0] <= true <= one["interval_95"][1] for _, one, true in known)
         worst, widest, seconds = [], [], [ways[way]["seconds"] for ways in by_object.values() if way in ways]
-        for name, symbol in SYMBOLS.items():
+        for name, parameter in PARAMETERS.items():
             of_name = [(one, true) for label, one, true in known if label == name]
             if of_name:
-                short = symbol.partition(" ")[0]
+                short = parameter.label.partition(" ")[0]
                 worst.append(
                     f"{short} {_off(name, max(_relative(name, one['estimate'] - t, t) for one, t in of_name))}"
                 )
@@ -188,11 +181,12 @@ def _coverage(folder: Path) -> list[str]:
 
 
 def _relative(name: str, difference: float, truth: float) -> float:
-    return abs(difference) / truth if name in THOUSANDS else abs(difference)
+    return abs(difference) / truth if PARAMETERS[name].logarithmic else abs(difference)
 
 
 def _off(name: str, error: float) -> str:
-    return f"{100.0 * error:.2g} %" if name in THOUSANDS else f"{error:.2g}" + ("°" if name == "friction_angle" else "")
+    parameter = PARAMETERS[name]
+    return f"{100.0 * error:.2g} %" if parameter.logarithmic else f"{error:.2g}{parameter.shown_unit}"
 
 
 def _cell(label: str, one: Document) -> str:
@@ -206,11 +200,12 @@ def _cell(label: str, one: Document) -> str:
 
 def _symbol(label: str) -> str:
     name, _, part = label.partition("[")
-    return f"{SYMBOLS[name]} {part.rstrip(']').replace('_', ' ')}".strip()
+    return f"{PARAMETERS[name].label} {part.rstrip(']').replace('_', ' ')}".strip()
 
 
 def _number(label: str, value: float) -> str:
-    return f"{value / 1e3:.5g}" if label.partition("[")[0] in THOUSANDS else f"{value:.4g}"
+    factor = PARAMETERS[label.partition("[")[0]].display_factor
+    return f"{value:.4g}" if factor == 1.0 else f"{value * factor:.5g}"
 
 
 def main() -> None:

@@ -12,7 +12,8 @@ import numpy as np
 from benchmarks.pages.estimates import TRUTHS
 from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.geometry.shapes import particles, spin_velocity
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.scenes import SceneStart, simulate_records
 

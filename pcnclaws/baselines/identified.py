@@ -9,13 +9,11 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor, nn
 
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity, Plasticity
-from pcnclaws.laws.materials import Laws, Material
+from pcnclaws.laws.materials import Material
 from pcnclaws.laws.parameters import PARAMETERS
 from pcnclaws.tensor_types import Matrices, Parameters
-
-# Poisson's ratio is sought from here up: materials that grow thicker when pulled are not among ours.
-LOWEST = {"poissons_ratio": 0.0}
 
 
 class UnknownParameters(nn.Module):
@@ -85,7 +83,8 @@ def _per_particle(unknown: UnknownParameters, names: Sequence[str], like: Matric
 
 
 def _bounded(name: str, guess: float, x: Tensor) -> Tensor:
-    lower, upper = LOWEST.get(name, PARAMETERS[name].lower), PARAMETERS[name].upper
+    parameter = PARAMETERS[name]
+    lower, upper = parameter.plausible[0] if parameter.plausible else parameter.lower, parameter.upper
     if math.isinf(upper):
         return guess * torch.exp(x)
     share = (guess - lower) / (upper - lower)

@@ -9,8 +9,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pcnclaws.baselines.polar import stretches_and_rotation
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity, Plasticity
-from pcnclaws.laws.materials import Laws, Material
+from pcnclaws.laws.materials import Material
 from pcnclaws.linalg3 import determinant, identity_like, matmul, transpose
 from pcnclaws.tensor_types import Matrices, Parameters
 

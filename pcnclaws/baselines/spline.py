@@ -14,10 +14,10 @@ from torch import Tensor, nn
 from pcnclaws.baselines.spectral import Principal, from_principal, principal_stretches
 from pcnclaws.baselines.splines import Place, cubic, cubic_integral, cubic_slope, knots_around_one, linear, locate
 from pcnclaws.errors import UserError
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity, Plasticity
-from pcnclaws.laws.materials import Laws, Material
-from pcnclaws.laws.parameters import lame_constants
-from pcnclaws.laws.plasticity import isochoric_flow
+from pcnclaws.laws.materials import Material
+from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.linalg3 import deviator, hencky_strain, identity_like, safe_norm, stretched, trace
 from pcnclaws.tensor_types import Matrices, Parameters, Scalars
 
@@ -167,8 +167,10 @@ class SplinePlasticity(Plasticity):
         volumetric, shear = trace(h), safe_norm(deviator(h))
         place = locate(volumetric, self.knots.to(h.dtype))
         limit, kept = self._limits(place)
-        flow = isochoric_flow(h, shear, (shear - limit).clamp_min(0.0))
-        flow = flow + identity_like(h) * ((kept - volumetric) / 3.0)
+        amount = (shear - limit).clamp_min(0.0)
+        flow = deviator(h) * (-amount / torch.where(shear > 0.0, shear, 1.0)) + identity_like(h) * (
+            (kept - volumetric) / 3.0
+        )
         return stretched(flow, trial)
 
     def _limits(self, place: Place) -> tuple[Scalars, Scalars]:

@@ -13,7 +13,7 @@ from pcnclaws.estimation.inverse import EstimatorSettings
 from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.screening import screened_start, stable_start
 from pcnclaws.estimation.start_motion import with_first_motion
-from pcnclaws.estimation.transforms import TRANSFORMS
+from pcnclaws.estimation.transforms import transform_of
 from pcnclaws.estimation.unknowns import Unknowns, components_of, make_unknowns
 from pcnclaws.laws.materials import Material
 from pcnclaws.laws.parameters import PARAMETERS
@@ -69,7 +69,7 @@ def guess_from(config: DictConfig, material: Material, problem: EstimationProble
         value, limits = given.get(name, material.defaults[name]), PARAMETERS[name]
         if not limits.lower <= value <= limits.upper or (value == 0.0 and limits.unit == "Pa"):
             raise UserError(f"initial_guess.{name}={value:g} is not accepted; accepted: {limits.accepted}")
-        inside[name] = TRANSFORMS[name].inside(value)
+        inside[name] = transform_of(limits).inside(value)
         if inside[name] != value and name not in problem.unknowns.fixed:
             log.warning(
                 "initial_guess.%s=%g is at the edge of what is possible: starts from %.4g", name, value, inside[name]

@@ -16,7 +16,8 @@ from pcnclaws.commands.models import build_model
 from pcnclaws.commands.options import is_free
 from pcnclaws.data.locks import LOCK
 from pcnclaws.errors import UserError
-from pcnclaws.laws.materials import Laws, Material, analytic_laws, material_named
+from pcnclaws.laws.analytic import Laws, analytic_laws
+from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.parameters import PARAMETERS
 from pcnclaws.simulation.motion import Model
 from pcnclaws.training.weights import read_weights, set_law_weights

@@ -11,7 +11,7 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
@@ -30,20 +30,45 @@ LINK_FLAGS = ["-shared", *(["-Wl,-z,defs"] if platform.system() == "Linux" else 
 SLOWER = "simulations run in PyTorch, several times slower"
 LONGEST_COMPILATION = 600.0  # seconds
 NUMBERS = {"float32": "float", "float64": "double"}
+LAW_HEADER = "law.hpp"
+_law_libraries: list[ctypes.CDLL] = []
 
 
 @cache
 def kernel_library() -> ctypes.CDLL | None:
-    """The kernels, compiled now or in an earlier run; None, with one line of warning, where they cannot be."""
+    """The kernels of the step, compiled now or in an earlier run; None, and one line, where they cannot be."""
+    return _library("kernels.cpp", {})
+
+
+@cache
+def law_library(text: str) -> ctypes.CDLL | None:
+    """The kernels of a law, from the text of its law.hpp; None, and one line, where they cannot be made."""
+    library = _library("law_kernels.cpp", {LAW_HEADER: text})
+    if library is not None:
+        _law_libraries.append(library)
+    return library
+
+
+def fallbacks() -> int:
+    """How many particles found their principal axes by the slow path on the CPU in this process."""
+    return sum(ctypes.c_int64.in_dll(library, "fallbacks").value for library in _law_libraries)
+
+
+def _library(main: str, headers: Mapping[str, str]) -> ctypes.CDLL | None:
     compiler = find_compiler()
     if compiler is None:
-        log.warning("no C++ compiler was found (g++, c++, clang++ or $CXX): %s", SLOWER)
+        _warn_of_no_compiler()
         return None
     try:
-        return _load(_library_file(compiler))
+        return _load(_library_file(compiler, main, headers))
     except (OSError, RuntimeError, subprocess.SubprocessError) as error:
         log.warning("the C++ kernels could not be made with '%s' (%s): %s", " ".join(compiler), _reason(error), SLOWER)
         return None
+
+
+@cache
+def _warn_of_no_compiler() -> None:
+    log.warning("no C++ compiler was found (g++, c++, clang++ or $CXX): %s", SLOWER)
 
 
 @cache
@@ -77,50 +102,60 @@ def _reason(error: Exception) -> str:
     return next((line for line in lines if "error" in line), lines[0] if lines else type(error).__name__)
 
 
-def _library_file(compiler: Sequence[str]) -> Path:
-    """The library for these sources, compiler and processor; compiled if it is not there yet."""
-    sources = sorted(SOURCES.iterdir())
+def _library_file(compiler: Sequence[str], main: str, made: Mapping[str, str]) -> Path:
+    """The library for these sources, compiler and processor; compiled if it is not there yet.
+
+    made  headers that are not among the sources, by name
+    """
+    sources = {file.name: file.read_text() for file in (*sorted(SOURCES.glob("*.hpp")), SOURCES / main)} | dict(made)
     version = _run([*compiler, "--version"])
     parts = (version, *compiler, *FLAGS, *LINK_FLAGS, _openmp_library() or "", _processor())
     key = hashlib.sha256("\n".join(parts).encode())
-    for source in sources:
-        key.update(source.read_bytes())
+    for text in sources.values():
+        key.update(text.encode())
     folder = writable(cache_folder())
-    library = folder / f"kernels-{key.hexdigest()[:20]}.so"
+    library = folder / f"{Path(main).stem}-{key.hexdigest()[:20]}.so"
     if library.exists():  # no need to wait for a process that compiles other sources
         return library
     with FileLock(folder / "kernels.lock"):
         if not library.exists():
             with tempfile.TemporaryDirectory(dir=folder) as work:
-                for source in sources:
-                    (Path(work) / source.name).write_bytes(source.read_bytes())
-                _compile(compiler, Path(work)).replace(library)
+                for name, text in sources.items():
+                    (Path(work) / name).write_text(text)
+                _compile(compiler, Path(work) / main).replace(library)
     return library
 
 
-def _compile(compiler: Sequence[str], work: Path) -> Path:
+@cache
+def _tell() -> None:
+    """One line in each process that compiles."""
     log.warning(
-        "compiling the C++ kernels for this machine: once, about half a minute (simulation.backend=torch goes without)"
+        "compiling C++ kernels for this machine: once, some ten seconds (simulation.backend=torch goes without)"
     )
+
+
+def _compile(compiler: Sequence[str], main: Path) -> Path:
+    _tell()
     start, openmp = time.monotonic(), _openmp_library()
     try:
-        library = _linked(compiler, work, openmp)
+        library = _linked(compiler, main, openmp)
     except subprocess.CalledProcessError:
         if openmp is None:
             raise
-        library = _linked(compiler, work, None)  # a compiler without this OpenMP: kernels of one thread
+        library = _linked(compiler, main, None)  # a compiler without this OpenMP: kernels of one thread
     log.info("compiled the C++ kernels in %.0f s", time.monotonic() - start)
     return library
 
 
-def _linked(compiler: Sequence[str], work: Path, openmp: str | None) -> Path:
+def _linked(compiler: Sequence[str], main: Path, openmp: str | None) -> Path:
     """The library, with the kernels of each precision compiled at the same time.
 
     openmp  PyTorch's own OpenMP library: a second one would start threads of its own, in each other's way
     """
 
+    work = main.parent
     objects = [str(work / f"{precision}.o") for precision in NUMBERS]
-    common = [*compiler, *FLAGS, *(["-fopenmp"] if openmp else []), "-c", str(work / "kernels.cpp")]
+    common = [*compiler, *FLAGS, *(["-fopenmp"] if openmp else []), "-c", str(main)]
     _run(
         *(
             [*common, f"-DPRECISION={precision}", f"-DNUMBER={number}", "-o", target]

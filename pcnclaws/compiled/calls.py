@@ -84,11 +84,9 @@ def require_first_derivative() -> None:
         raise RuntimeError("the compiled kernels have first derivatives only; choose simulation.backend=torch")
 
 
-def call(name: str, dtype: torch.dtype, *arguments: Any) -> None:
-    """Runs a kernel on the threads that PyTorch uses. Arguments are addresses, but for the number of a law."""
-    function = getattr(kernel_library(), f"{name}_{SUFFIXES[dtype]}")
-    converted = [ctypes.c_int(a) if isinstance(a, int) else a for a in arguments]
-    status = function(*converted, ctypes.c_int(torch.get_num_threads()))
+def call(library: ctypes.CDLL | None, name: str, dtype: torch.dtype, *arguments: Any) -> None:
+    """Runs a kernel of a library on the threads that PyTorch uses. Arguments are addresses."""
+    status = getattr(library, f"{name}_{SUFFIXES[dtype]}")(*arguments, ctypes.c_int(torch.get_num_threads()))
     if status == OUT_OF_MEMORY:
         raise MemoryError(f"not enough memory for the grid of the kernel '{name}'")
     if status == REFUSED:

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from pcnclaws.compiled import gpu
+from pcnclaws.compiled.build import kernel_library
 from pcnclaws.compiled.calls import address, call
 from pcnclaws.tensor_types import ParticleMask
 
@@ -22,5 +23,5 @@ def failing(position: Tensor, deformation: Tensor) -> ParticleMask:
     count = position.shape[1]
     failed = torch.empty(count, dtype=torch.bool)
     size = ctypes.byref(ctypes.c_int64(count))
-    call("failing", position.dtype, size, address(position), address(deformation), address(failed))
+    call(kernel_library(), "failing", position.dtype, size, address(position), address(deformation), address(failed))
     return failed

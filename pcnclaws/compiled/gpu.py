@@ -10,9 +10,11 @@ from torch import Tensor
 
 from pcnclaws.compiled.calls import address
 from pcnclaws.compiled.gpu_build import Kernels, kernels_of
-from pcnclaws.compiled.structures import LAYERS, Bodies, Settings, Weights
+from pcnclaws.compiled.law_source import LawKernel
+from pcnclaws.compiled.structures import Bodies, Settings, weights_structure
 
 NUMBERS = {torch.float32: "float", torch.float64: "double"}
+LAYERS = 3  # of a network whose kernel runs on a GPU
 # Nodes of an axis beyond the cells: one at the end of the domain, and one of padding on each side.
 MORE_NODES = 3
 ALIGNMENT = 32  # bytes
@@ -67,7 +69,7 @@ class LawGradients(NamedTuple):
     weights: list[Tensor]
 
 
-def law_forward(law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> Tensor:
+def law_forward(law: LawKernel, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> Tensor:
     """The law, as isotropic_law in pcnclaws/compiled/isotropic_laws.py; all tensors contiguous."""
     result = torch.empty_like(deformation)
     kernels = _LawKernels(law, deformation, parameters, weights)
@@ -76,7 +78,7 @@ def law_forward(law: str, deformation: Tensor, parameters: Tensor, weights: Sequ
 
 
 def law_adjoint(
-    law: str,
+    law: LawKernel,
     deformation: Tensor,
     parameters: Tensor,
     weights: Sequence[Tensor],
@@ -206,25 +208,26 @@ class _NetworkMemoryStructure(ctypes.Structure):
 class _LawKernels:
     """Starts the kernels of a law, with what they all take."""
 
-    def __init__(self, law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> None:
+    def __init__(self, law: LawKernel, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> None:
         for tensor in (parameters, *weights):
             if (tensor.dtype, tensor.device) != (deformation.dtype, deformation.device):
                 raise ValueError(
                     f"a law of {deformation.dtype} on {deformation.device} was given {tensor.dtype} on {tensor.device}"
                 )
+        if parameters.shape[0] != law.rows:
+            raise ValueError(f"the law '{law.name}' reads {law.rows} rows of parameters, not {parameters.shape[0]}")
         self.weights = _aligned(weights)
         units = (weights[0].shape[1], *(weight.shape[0] for weight in weights[:LAYERS])) if weights else (0, 0, 0, 0)
-        macros: dict[str, object] = {"LAW": law, "ROWS": parameters.shape[0]}
-        macros |= {f"UNITS_{layer}": count for layer, count in enumerate(units)}
+        macros: dict[str, object] = {f"UNITS_{layer}": count for layer, count in enumerate(units)}
         self._shared = 0
         if weights:
             # each begins at four whole numbers
             needed = sum(-(-weight.numel() // 4) * 4 for weight in weights) * deformation.element_size()
             if needed <= MOST_SHARED:
                 macros["STAGED"], self._shared = 1, needed
-        self._kernels = kernels_of("gpu_law.cu", deformation.device, NUMBER=NUMBERS[deformation.dtype], **macros)
+        self._kernels = kernels_of("gpu_law.cu", deformation.device, law, NUMBER=NUMBERS[deformation.dtype], **macros)
         _used_laws.add(self._kernels)
-        arrays = address(deformation), address(parameters), Weights.of(self.weights)
+        arrays = address(deformation), address(parameters), weights_structure(LAYERS, self.weights)
         self._given = ctypes.c_int64(deformation.shape[2]), *arrays
 
     def start(self, name: str, threads: int, *arguments: object) -> None:

@@ -15,7 +15,8 @@ from typing import Any
 
 import torch
 
-from pcnclaws.compiled.build import LINK_FLAGS, SOURCES, cache_folder, find_compiler, writable
+from pcnclaws.compiled.build import LAW_HEADER, LINK_FLAGS, SOURCES, cache_folder, find_compiler, writable
+from pcnclaws.compiled.law_source import LawKernel
 
 log = logging.getLogger(__name__)
 
@@ -53,17 +54,19 @@ def gpu_serves() -> bool:
     return True
 
 
-def kernels_of(source: str, device: torch.device, **macros: object) -> Kernels:
+def kernels_of(source: str, device: torch.device, law: LawKernel | None = None, **macros: object) -> Kernels:
     """The kernels of a source file, compiled now or in an earlier run.
 
     device  a GPU; or the CPU, where the threads run one after the other, to test the same source without a GPU
+    law     the law that the source is compiled with
     macros  what is defined for the source
     raises  RuntimeError when they cannot be compiled
     """
     defined = tuple((name, str(value)) for name, value in macros.items())
     if device.type == "cpu":
-        return _host_kernels(source, defined)
-    return _gpu_kernels(source, defined, torch.cuda.current_device() if device.index is None else device.index)
+        return _host_kernels(source, law, defined)
+    number = torch.cuda.current_device() if device.index is None else device.index
+    return _gpu_kernels(source, law, defined, number)
 
 
 class _GpuKernels(Kernels):
@@ -116,17 +119,19 @@ class _HostKernels(Kernels):
 
 
 @functools.cache
-def _gpu_kernels(source: str, macros: Macros, device: int) -> Kernels:
+def _gpu_kernels(source: str, law: LawKernel | None, macros: Macros, device: int) -> Kernels:
     major, minor = torch.cuda.get_device_capability(device)
     options = [*OPTIONS, f"--gpu-architecture=sm_{major}{minor}", *(f"-D{name}={value}" for name, value in macros)]
     headers = {file.name: file.read_bytes() for file in sorted(SOURCES.glob("*.hpp"))}
+    if law is not None:
+        headers[LAW_HEADER] = law.text.encode()
     main = (SOURCES / source).read_bytes()
     key = hashlib.sha256("\n".join((_nvrtc_version(), *options)).encode() + main + b"".join(headers.values()))
     kept = writable(cache_folder()) / f"{Path(source).stem}-{key.hexdigest()[:20]}.cubin"
     try:
         return _GpuKernels(kept.read_bytes(), device)
     except (FileNotFoundError, RuntimeError):  # not there yet, or damaged
-        what = dict(macros).get("LAW", "the step")
+        what = law.name if law is not None else "the step"
         log.warning("compiling %s for this GPU: once, a few seconds (simulation.backend=torch goes without)", what)
         with tempfile.TemporaryDirectory(dir=kept.parent) as folder:
             whole = Path(folder) / kept.name
@@ -136,14 +141,17 @@ def _gpu_kernels(source: str, macros: Macros, device: int) -> Kernels:
 
 
 @functools.cache
-def _host_kernels(source: str, macros: Macros) -> Kernels:
+def _host_kernels(source: str, law: LawKernel | None, macros: Macros) -> Kernels:
     compiler = find_compiler()
     if compiler is None:
         raise RuntimeError("no C++ compiler was found")
     definitions = [f"-D{name}={value}" for name, value in macros]
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "kernels.so"
-        command = [*compiler, *HOST_FLAGS, *definitions, *LINK_FLAGS, "-x", "c++", str(SOURCES / source)]
+        if law is not None:
+            (Path(folder) / LAW_HEADER).write_text(law.text)
+        included = ["-I", folder, "-I", str(SOURCES)]
+        command = [*compiler, *HOST_FLAGS, *definitions, *LINK_FLAGS, *included, "-x", "c++", str(SOURCES / source)]
         # a compiler that the user has installed, with arguments of ours and no shell
         done = subprocess.run([*command, "-o", str(library)], capture_output=True, text=True, check=False)  # noqa: S603
         if done.returncode:

@@ -1,6 +1,6 @@
 """Isotropic laws as kernels, differentiable in both modes, on a GPU in reverse mode alone.
 
-The lines of each law stand in source/laws.hpp, in principal axes; its derivatives follow from them by dual numbers.
+A law is a function of principal strains (law_source.py); its derivatives follow from it by dual numbers and a tape.
 """
 
 import ctypes
@@ -10,8 +10,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pcnclaws.compiled import gpu
-from pcnclaws.compiled.build import kernel_library
+from pcnclaws.compiled import build, gpu
+from pcnclaws.compiled.build import law_library
 from pcnclaws.compiled.calls import (
     address,
     addresses,
@@ -20,38 +20,32 @@ from pcnclaws.compiled.calls import (
     derivatives_wanted,
     require_first_derivative,
 )
-from pcnclaws.compiled.structures import LawInput, Weights
-
-# in the order of `with_law` in source/kernels.cpp
-LAWS = (
-    "FixedCorotated",
-    "StVKHencky",
-    "DruckerPrager",
-    "VonMises",
-    "ElasticNet",
-    "PlasticNet",
-    "NeoHookean",
-    "Tresca",
-    "NoPriorElasticNet",
-    "FreeFlowPlasticNet",
-)
+from pcnclaws.compiled.law_source import LawKernel
+from pcnclaws.compiled.structures import LawInput, weights_structure
 
 
 def isotropic_law(
-    law: str, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor] = (), evaluated: bool = True
+    law: LawKernel, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor] = (), evaluated: bool = True
 ) -> Tensor:
     """Kirchhoff stress [Pa] or elastic deformation gradient [-] of a law, (3, 3, particles).
 
-    law          one of LAWS
     deformation  F [-], (3, 3, particles), det F > 0
-    parameters   what source/laws.hpp names for the law, then further inputs of its network, (rows, particles)
-    weights      of a network with two hidden layers: three matrices (to, from), then three biases (to, 1)
+    parameters   that the law's response reads, then further inputs of its network, (rows, particles)
+    weights      of its network: matrices (to, from), then biases (to, 1)
     evaluated    False for a result that is differentiated but not looked at: its numbers have no meaning
     """
     tensors = (deformation, parameters, *weights)
     if not derivatives_wanted():
-        return _evaluated(LAWS.index(law), *(tensor.contiguous() for tensor in tensors))
-    return _Law.apply(LAWS.index(law), carries_rates(tensors) or not evaluated, *tensors)
+        return _evaluated(law, *(tensor.contiguous() for tensor in tensors))
+    return _Law.apply(law, carries_rates(tensors) or not evaluated, *tensors)
+
+
+def law_serves(law: LawKernel, state: Tensor) -> bool:
+    """Whether the law's kernel computes on the device of the state, where kernels_serve.
+
+    On a GPU networks have two hidden layers: each thread keeps one of them.
+    """
+    return law.layers == gpu.LAYERS if state.is_cuda else law_library(law.text) is not None
 
 
 def fallbacks() -> int:
@@ -59,22 +53,23 @@ def fallbacks() -> int:
 
     Stretches from 0.01 to 100 do without. Waits for GPUs that laws ran on.
     """
-    library = kernel_library()
-    return (ctypes.c_int64.in_dll(library, "fallbacks").value if library else 0) + gpu.fallbacks()
+    return build.fallbacks() + gpu.fallbacks()
 
 
-def _evaluated(law: int, deformation: Tensor, parameters: Tensor, *weights: Tensor) -> Tensor:
+def _evaluated(law: LawKernel, deformation: Tensor, parameters: Tensor, *weights: Tensor) -> Tensor:
     if deformation.is_cuda:
-        return gpu.law_forward(LAWS[law], deformation, parameters, weights)
+        return gpu.law_forward(law, deformation, parameters, weights)
     result = torch.empty_like(deformation)
-    law_input, _kept = _described(deformation, parameters, weights)
-    call("law_forward", deformation.dtype, law, ctypes.byref(law_input), address(result))
+    law_input, _kept = _described(law, deformation, parameters, weights)
+    call(law_library(law.text), "law_forward", deformation.dtype, ctypes.byref(law_input), address(result))
     return result
 
 
-def _described(deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> tuple[LawInput, Any]:
+def _described(
+    law: LawKernel, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]
+) -> tuple[LawInput, Any]:
     """The kernel's input, and what must stay alive while it runs."""
-    network = Weights.of(weights) if weights else None
+    network = weights_structure(law.layers, weights) if weights else None
     pointer = ctypes.cast(ctypes.pointer(network), ctypes.c_void_p) if network is not None else None
     particles = deformation.shape[2]
     rows = parameters.shape[0]
@@ -86,7 +81,7 @@ class _Law(torch.autograd.Function):
     """later: the result is not computed. Where rates are, jvp, which PyTorch calls next, fills it in."""
 
     @staticmethod
-    def forward(ctx: Any, law: int, later: bool, *tensors: Tensor) -> Tensor:
+    def forward(ctx: Any, law: LawKernel, later: bool, *tensors: Tensor) -> Tensor:
         deformation, parameters, *weights = (tensor.contiguous() for tensor in tensors)
         result = torch.empty_like(deformation) if later else _evaluated(law, deformation, parameters, *weights)
         ctx.law, ctx.result = law, result.detach() if later else None
@@ -103,16 +98,16 @@ class _Law(torch.autograd.Function):
         incoming, none = incoming.contiguous(), [None] * len(weights)
         wanted = ctx.needs_input_grad[3], any(ctx.needs_input_grad[4:])
         if deformation.is_cuda:
-            found = gpu.law_adjoint(LAWS[ctx.law], deformation, parameters, weights, incoming, wanted)
+            found = gpu.law_adjoint(ctx.law, deformation, parameters, weights, incoming, wanted)
             return (None, None, found.deformation, found.parameters, *(found.weights or none))
         gradient = torch.empty_like(deformation)
         of_parameters = torch.empty_like(parameters) if wanted[0] else None
         of_weights = [torch.empty_like(weight) for weight in weights] if wanted[1] else []
-        law_input, _kept = _described(deformation, parameters, weights)
+        law_input, _kept = _described(ctx.law, deformation, parameters, weights)
         call(
+            law_library(ctx.law.text),
             "law_adjoint",
             deformation.dtype,
-            ctx.law,
             ctypes.byref(law_input),
             address(incoming),
             address(gradient),
@@ -129,11 +124,11 @@ class _Law(torch.autograd.Function):
             for field, rate in zip((deformation, parameters), rates[2:4], strict=True)
         )
         result_rate = torch.empty_like(deformation)
-        law_input, _kept = _described(deformation, parameters, weights)
+        law_input, _kept = _described(ctx.law, deformation, parameters, weights)
         call(
+            law_library(ctx.law.text),
             "law_rates",
             deformation.dtype,
-            ctx.law,
             ctypes.byref(law_input),
             address(of_deformation),
             address(of_parameters),

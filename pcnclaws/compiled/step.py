@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from pcnclaws.compiled import gpu
+from pcnclaws.compiled.build import kernel_library
 from pcnclaws.compiled.calls import addresses, call, carries_rates, derivatives_wanted, require_first_derivative
 from pcnclaws.compiled.structures import Bodies, Settings
 
@@ -69,7 +70,7 @@ def _call(name: str, settings: StepSettings, bodies: tuple[Tensor, ...], *fields
     arrays = [tensor.data_ptr() for tensor in (scene, mass, volume, gravity)]
     described = Bodies(mass.numel(), gravity.shape[1], *arrays)
     pointers = [addresses(*group) for group in fields]
-    call(name, mass.dtype, ctypes.byref(_settings(settings)[0]), ctypes.byref(described), *pointers)
+    call(kernel_library(), name, mass.dtype, ctypes.byref(_settings(settings)[0]), ctypes.byref(described), *pointers)
 
 
 def _stepped(

@@ -2,30 +2,34 @@
 
 import ctypes
 from collections.abc import Sequence
+from functools import cache
 
 from torch import Tensor
 
-LAYERS = 3
+
+@cache
+def _weights_of(layers: int) -> type[ctypes.Structure]:
+    """The weights and biases of a network with so many layers, and the units of its layers."""
+    fields = [
+        ("weights", ctypes.c_void_p * layers),
+        ("biases", ctypes.c_void_p * layers),
+        ("sizes", ctypes.c_int * (layers + 1)),
+    ]
+    return type("Weights", (ctypes.Structure,), {"_fields_": fields})
 
 
-class Weights(ctypes.Structure):
-    """The weights and biases of a network, and the units of its layers."""
+def weights_structure(layers: int, weights: Sequence[Tensor]) -> ctypes.Structure:
+    """A network as the kernels read it.
 
-    _fields_ = (
-        ("weights", ctypes.c_void_p * LAYERS),
-        ("biases", ctypes.c_void_p * LAYERS),
-        ("sizes", ctypes.c_int * (LAYERS + 1)),
-    )
-
-    @classmethod
-    def of(cls, weights: Sequence[Tensor]) -> "Weights":
-        """Those of contiguous matrices (to, from), then biases, which must outlive it; empty for none."""
-        described = cls()
-        for layer in range(LAYERS if weights else 0):
-            described.weights[layer] = weights[layer].data_ptr()
-            described.biases[layer] = weights[LAYERS + layer].data_ptr()
-            described.sizes[layer], described.sizes[layer + 1] = weights[layer].shape[1], weights[layer].shape[0]
-        return described
+    layers   of the network, or those that the kernel has room for
+    weights  contiguous matrices (to, from), then biases, which must outlive it; empty for none
+    """
+    described = _weights_of(layers)()
+    for layer in range(layers if weights else 0):
+        described.weights[layer] = weights[layer].data_ptr()
+        described.biases[layer] = weights[layers + layer].data_ptr()
+        described.sizes[layer], described.sizes[layer + 1] = weights[layer].shape[1], weights[layer].shape[0]
+    return described
 
 
 class LawInput(ctypes.Structure):

@@ -22,7 +22,7 @@ from pcnclaws.data.hdf5 import read_scenes, write_scenes
 from pcnclaws.data.locks import one_after_another
 from pcnclaws.data.sampling import SPLITS, DataSetPlan, planned_scenes
 from pcnclaws.errors import UserError
-from pcnclaws.laws.materials import analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart, simulate_records

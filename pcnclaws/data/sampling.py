@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import qmc
 
-from pcnclaws.data.reference_objects import is_near_reference, reference_objects
+from pcnclaws.data.reference_objects import is_near_reference
 from pcnclaws.errors import UserError
 from pcnclaws.geometry.shapes import PointCloud, particles, spin_velocity
 from pcnclaws.laws.materials import Material
@@ -84,13 +84,12 @@ def planned_scenes(plan: DataSetPlan) -> dict[str, list[SceneStart]]:
     Training and validation parameters are scrambled Halton samples of the material's ranges that leave out the
     neighbourhoods of the reference objects; the test scenes are these objects.
     """
-    references = reference_objects(plan.material.name)
     return {
         "train": _sampled(plan, "train", plan.train_scenes, (plan.seed, 0)),
         "validation": _sampled(plan, "validation", plan.validation_scenes, (plan.seed, 1)),
         "test": [
             _start(plan, thing.name, dict(thing.parameters), TEST_MOTIONS[number % len(TEST_MOTIONS)])
-            for number, thing in enumerate(references)
+            for number, thing in enumerate(plan.material.objects)
         ],
     }
 
@@ -104,7 +103,7 @@ def draw_parameters(material: Material, count: int, seed: tuple[int, ...]) -> li
     while len(drawn) < count:
         point = lower + (upper - lower) * sample.random(1)[0]
         parameters = {name: float(f"{value:.{DIGITS}g}") for name, value in zip(material.ranges, point, strict=True)}
-        if not is_near_reference(parameters, material.name):
+        if not is_near_reference(parameters, material):
             drawn.append(parameters)
     return drawn
 

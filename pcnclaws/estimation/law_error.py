@@ -15,7 +15,8 @@ from pcnclaws.estimation.levenberg_marquardt import LevenbergMarquardt
 from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.uncertainty import QUANTILE_95, ROUNDING, projected_error
 from pcnclaws.estimation.unknowns import components_of, make_unknowns
-from pcnclaws.laws.materials import Laws, Material
+from pcnclaws.laws.analytic import Laws
+from pcnclaws.laws.materials import Material
 from pcnclaws.simulation.records import SceneRecord
 
 log = logging.getLogger(__name__)

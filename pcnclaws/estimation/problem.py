@@ -15,7 +15,7 @@ from torch.autograd import forward_ad
 
 from pcnclaws.data.observation import Observation
 from pcnclaws.estimation.unknowns import TIME_OFFSET, Unknowns
-from pcnclaws.laws.materials import Laws
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.rollout import positions_at

@@ -7,12 +7,11 @@ from jaxtyping import Float
 from scipy.stats import qmc
 
 from pcnclaws.estimation.problem import EstimationProblem
-from pcnclaws.estimation.transforms import TRANSFORMS
 from pcnclaws.estimation.unknowns import Unknowns
+from pcnclaws.laws.parameters import PARAMETERS
 
-# The starts lie within this factor of the guess, or between these numbers.
+# The starts lie within this factor of the guess, or in the screening interval of the parameter.
 FACTOR = 30.0
-SPANS = {"poissons_ratio": (0.02, 0.45), "friction_angle": (5.0, 50.0)}
 # A stiffness that is unstable with the observation's time step is lowered to this share of the limit.
 STABLE_SHARE = 0.6
 
@@ -56,9 +55,12 @@ def _drawn(problem: EstimationProblem, guess: np.ndarray, count: int, seed: int)
 def _between(unknowns: Unknowns, k: int, guess: np.ndarray, share: float) -> float:
     """The coordinate of a number within the span of the screening."""
     transform, name = unknowns.sought[k].transform, unknowns.sought[k].name
-    if name in SPANS:
-        low, high = SPANS[name]
+    parameter = PARAMETERS[name]
+    if parameter.screening is not None:
+        low, high = parameter.screening
         return transform.coordinate(low + share * (high - low))
-    value, bounds = float(unknowns.values(guess)[k]), TRANSFORMS[name]
-    low, high = max(value / FACTOR, 2.0 * bounds.lower), min(value * FACTOR, 0.5 * bounds.upper)
+    value, (lower, upper) = float(unknowns.values(guess)[k]), parameter.searched
+    if not parameter.logarithmic:
+        return transform.coordinate(lower + share * (upper - lower))
+    low, high = max(value / FACTOR, 2.0 * lower), min(value * FACTOR, 0.5 * upper)
     return transform.coordinate(low * (high / low) ** share)

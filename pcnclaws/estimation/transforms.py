@@ -11,6 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import expit, logit
 
+from pcnclaws.laws.parameters import Parameter
+
 # How deep inside its bounds a guess is put, as a share of the interval: at the bound itself the coordinate is infinite.
 MARGIN = 0.05
 # A search stays within these coordinates: at 4, 2 % of the interval are left.
@@ -103,11 +105,6 @@ class Free:
         return value
 
 
-# Of any solid or granular material that the laws are for. Poisson's ratio stays away from 0.5, where the stiffness
-# against compression is infinite.
-TRANSFORMS = {
-    "youngs_modulus": Transform(1e2, 1e9, 1.0, logarithmic=True),
-    "poissons_ratio": Transform(-0.4, 0.49, 0.1),
-    "friction_angle": Transform(0.5, 75.0, 8.0),
-    "yield_stress": Transform(1.0, 1e7, 1.0, logarithmic=True),
-}
+def transform_of(parameter: Parameter) -> Transform:
+    """The coordinate of a physical parameter."""
+    return Transform(*parameter.searched, parameter.longest_step, parameter.logarithmic)

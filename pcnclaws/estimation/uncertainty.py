@@ -13,14 +13,12 @@ from jaxtyping import Float
 
 from pcnclaws.estimation.problem import Linearisation
 from pcnclaws.estimation.unknowns import Unknowns
+from pcnclaws.laws.parameters import PARAMETERS
 
 # Normal quantile of a two-sided interval of 95 %.
 QUANTILE_95 = 1.959963984540054
 # Rounding of the simulation in single precision [m]: the analytic law's own error, and the least noise there is.
 ROUNDING = 3e-7
-# An interval wider than this says nothing: the ratio of its ends, or their distance.
-WIDEST_RATIO = {"youngs_modulus": 2.0, "yield_stress": 2.0}
-WIDEST = {"poissons_ratio": 0.3, "friction_angle": 20.0}
 # Two unknowns that are this much correlated can stand for one another.
 CORRELATED = 0.98
 
@@ -136,10 +134,11 @@ def _estimate(unknowns: Unknowns, u: np.ndarray, k: int, step: float, deviation:
     unknown, reach = unknowns.sought[k], QUANTILE_95 * deviation
     places = np.array([0.0, step, -reach, reach, 2.0 * min(step, 0.0) - reach, 2.0 * max(step, 0.0) + reach])
     value, ahead, least, most, low, high = unknown.transform.value(u[k] + places).tolist()
-    if unknown.name in WIDEST_RATIO:
-        known = most < WIDEST_RATIO[unknown.name] * least
+    parameter = PARAMETERS.get(unknown.name)
+    if parameter is not None and parameter.logarithmic:
+        known = most < parameter.widest * least
     else:
-        known = most - least < WIDEST.get(unknown.name, np.inf)
+        known = most - least < (np.inf if parameter is None else parameter.widest)
     converged = bool(abs(step) <= deviation)
     return Estimate(
         unknown.label, value, (low, high), bool(np.isfinite(deviation) and known), law_share, ahead, converged

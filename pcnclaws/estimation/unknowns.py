@@ -14,8 +14,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from pcnclaws.errors import UserError, unknown_name
-from pcnclaws.estimation.transforms import TRANSFORMS, Free, Transform
+from pcnclaws.estimation.transforms import Free, Transform, transform_of
 from pcnclaws.geometry.velocity_gradients import spin_gradient
+from pcnclaws.laws.parameters import PARAMETERS
 
 VARIATIONS = ("uniform", "bodies", "x", "y", "z")
 # Scales of start velocities [m/s], spins [rad/s] and the offset of the clock [s]: changes of this size matter alike.
@@ -114,7 +115,7 @@ class Unknowns:
         """The physical parameters of the particles."""
         result = {name: np.array(known) for name, known in self.fixed.items()}
         for unknown, value in zip(self.sought, values.tolist(), strict=True):
-            if unknown.name in TRANSFORMS and unknown.component is not None:
+            if unknown.name in PARAMETERS and unknown.component is not None:
                 result[unknown.name] = result.get(unknown.name, 0.0) + value * unknown.component.share
         return result
 
@@ -130,7 +131,7 @@ class Unknowns:
     @property
     def physical(self) -> list[int]:
         """Numbers of the physical parameters."""
-        return [k for k, unknown in enumerate(self.sought) if unknown.name in TRANSFORMS]
+        return [k for k, unknown in enumerate(self.sought) if unknown.name in PARAMETERS]
 
 
 def make_unknowns(
@@ -157,7 +158,7 @@ def make_unknowns(
     free = [name for name in names if name not in fixed]
     if not free:
         raise UserError(f"fixed={dict(fixed)} leaves nothing to estimate; accepted: at most {len(names) - 1} of them")
-    sought = [Unknown(name, component, TRANSFORMS[name]) for name in free for component in components]
+    sought = [Unknown(name, component, transform_of(PARAMETERS[name])) for name in free for component in components]
     if motion:
         scales = dict.fromkeys(MOTION[:3], VELOCITY_SCALE) | dict.fromkeys(MOTION[3:], SPIN_SCALE)
         sought += [Unknown(name, body, Free(scale)) for body in bodies for name, scale in scales.items()]

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from pcnclaws.data.reference_objects import reference_objects
 from pcnclaws.data.sampling import DataSetPlan, Motion, draw_motions, planned_scenes
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.evaluation.divergence import DivergedScene, survivors
 from pcnclaws.evaluation.parameter_map import map_settings, map_starts
 from pcnclaws.geometry.shapes import PointCloud, particles, spin_velocity
-from pcnclaws.laws.materials import Material, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import Material
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.placement import require_inside
@@ -91,7 +91,7 @@ def true_records(
 
 def paper_errors(material: Material) -> dict[str, float]:
     """The paper's error [m^2] on those reference objects for which it gives one, by scene name."""
-    return {thing.name: thing.paper_mse for thing in reference_objects(material.name) if thing.paper_mse is not None}
+    return {thing.name: thing.paper_mse for thing in material.objects if thing.paper_mse is not None}
 
 
 def _reconstruction(material: Material) -> BuiltinTask:

@@ -1,20 +1,15 @@
 """The energy of simulated bodies: what a stable run cannot gain, and how far off a predicted one is."""
 
-from collections.abc import Callable
-
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from pcnclaws.laws.base import Elasticity
-from pcnclaws.laws.elasticity import FixedCorotated, NeoHookean, StVKHencky
-from pcnclaws.laws.parameters import lame_constants
-from pcnclaws.linalg3 import determinant, hencky_strain, left_stretch, trace
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart, batch_scenes
-from pcnclaws.tensor_types import Matrices, Parameters, Scalars
+from pcnclaws.tensor_types import Parameters, Scalars
 
 
 def scene_energy(
@@ -23,11 +18,11 @@ def scene_energy(
     """Kinetic and elastic energy of each scene [J], (scenes,), double precision.
 
     The kinetic energy includes that of the affine velocities, m dx^2 / 8 |C|^2.
-    elasticity  an analytic law
+    elasticity  a law that states its energy
     """
     doubled = {name: values.double() for name, values in parameters.items()}
     speeds = state.velocity.double().square().sum(0) + 0.25 * spacing**2 * state.affine.double().square().sum((0, 1))
-    elastic = _DENSITIES[type(elasticity)](state.deformation.double(), doubled)
+    elastic = elasticity.energy_density(state.deformation.double(), doubled)
     return _by_scene(0.5 * scenes.mass.double() * speeds + scenes.volume.double() * elastic, scenes)
 
 
@@ -46,9 +41,10 @@ def energy_error(true: SceneRecord, predicted: SceneRecord, elasticity: Elastici
     E is kinetic, elastic and gravitational energy; the elastic one is the analytic law's at the elastic deformation
     gradient, whichever law the motion is of.
     elasticity  the analytic law
-    returns     None where the true record has no keyframes after its start, or the two share none of them
+    returns     None where the true record has no keyframes after its start, or the two share none of them, or the law
+                states no energy
     """
-    if true.keyframes is None or predicted.keyframes is None:
+    if true.keyframes is None or predicted.keyframes is None or not elasticity.has_energy:
         return None
     shared, *rows = np.intersect1d(true.keyframes.step, predicted.keyframes.step, return_indices=True)
     if shared.max(initial=0) == 0:
@@ -82,35 +78,7 @@ def _at_keyframe(record: SceneRecord, row: int) -> SceneStart:
     return SceneStart(record.name, record.material, record.settings, record.parameters, *fields, record.density)
 
 
-def _fixed_corotated(deformation: Matrices, parameters: Parameters) -> Scalars:
-    """Energy per initial volume mu |F - R|^2 + lambda / 2 (J - 1)^2 [J/m^3]."""
-    lam, mu = lame_constants(parameters)
-    v, b = left_stretch(deformation)
-    return mu * (trace(b) - 2.0 * trace(v) + 3.0) + 0.5 * lam * (determinant(deformation) - 1.0).square()
-
-
-def _neo_hookean(deformation: Matrices, parameters: Parameters) -> Scalars:
-    """Energy per initial volume mu / 2 (tr b - 3) - mu ln J + lambda / 2 (ln J)^2 [J/m^3]."""
-    lam, mu = lame_constants(parameters)
-    logarithm = determinant(deformation).log()
-    return 0.5 * mu * (deformation.square().sum((0, 1)) - 3.0 - 2.0 * logarithm) + 0.5 * lam * logarithm.square()
-
-
-def _hencky(deformation: Matrices, parameters: Parameters) -> Scalars:
-    """Energy per initial volume mu |h|^2 + lambda / 2 (tr h)^2 [J/m^3]."""
-    lam, mu = lame_constants(parameters)
-    h = hencky_strain(deformation)
-    return mu * h.square().sum((0, 1)) + 0.5 * lam * trace(h).square()
-
-
 def _by_scene(values: Scalars, scenes: Scenes) -> Tensor:
     return torch.zeros(scenes.scene_count, dtype=values.dtype, device=values.device).index_add(
         0, scenes.scene_index, values
     )
-
-
-_DENSITIES: dict[type[Elasticity], Callable[[Matrices, Parameters], Scalars]] = {
-    FixedCorotated: _fixed_corotated,
-    NeoHookean: _neo_hookean,
-    StVKHencky: _hencky,
-}

@@ -8,7 +8,8 @@ import torch
 from pcnclaws.evaluation.divergence import survivors
 from pcnclaws.evaluation.frames import in_time_step
 from pcnclaws.evaluation.tasks import SceneResult, evaluate_records, mean_mse
-from pcnclaws.laws.materials import analytic_laws, material_named
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import material_named
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.records import SceneRecord
 

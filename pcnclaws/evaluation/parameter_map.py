@@ -19,10 +19,6 @@ from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.time_step import COMFORTABLE_CFL, largest_speed, scene_cfl
 
 POINTS = 6
-# Axes on which values grow by a factor, not by a difference.
-GEOMETRIC = ("youngs_modulus", "yield_stress")
-# Where the laws end before twice the upper limit does.
-ACCEPTED = {"poissons_ratio": (0.0, 0.48), "friction_angle": (0.0, 85.0)}
 DIGITS = 4
 
 
@@ -44,9 +40,10 @@ class MapPoint(NamedTuple):
 def map_axis(material: Material, name: str, points: int = POINTS) -> Float[np.ndarray, " points"]:
     """Values of a parameter from half the lower to twice the upper limit of its range, as far as the laws go."""
     low, high = material.ranges[name]
-    least, most = ACCEPTED.get(name, (0.0, math.inf))
+    parameter = PARAMETERS[name]
+    least, most = parameter.plausible or (parameter.lower, parameter.upper)
     low, high = max(0.5 * low, least), min(2.0 * high, most)
-    values = np.geomspace(low, high, points) if name in GEOMETRIC else np.linspace(low, high, points)
+    values = np.geomspace(low, high, points) if parameter.logarithmic else np.linspace(low, high, points)
     return np.array([float(f"{value:.{DIGITS}g}") for value in values])
 
 
@@ -92,7 +89,7 @@ def error_maps(material: Material, mse: Mapping[str, float | None], points: int 
         grid = found.setdefault(point.names, np.full((points, points), np.nan))
         grid[point.row, point.column] = np.nan if value is None else value
     axes = {
-        name: MapAxis(name, map_axis(material, name, points), name in GEOMETRIC, span)
+        name: MapAxis(name, map_axis(material, name, points), PARAMETERS[name].logarithmic, span)
         for name, span in material.ranges.items()
     }
     return [ErrorMap(axes[across], axes[up], grid) for (across, up), grid in found.items()]

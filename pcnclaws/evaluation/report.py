@@ -15,6 +15,7 @@ from rich.table import Table
 from pcnclaws.atomic import replaced_file
 from pcnclaws.evaluation.divergence import DivergedScene
 from pcnclaws.evaluation.tasks import SceneResult, mean_mse
+from pcnclaws.laws.parameters import PARAMETERS
 
 Outcomes = Sequence[SceneResult | DivergedScene]
 
@@ -26,14 +27,6 @@ UNITS = {
     "energy_error": "max |E - E_true| / max (kinetic + elastic energy of the true motion), over the keyframes",
     "rollout_seconds": "s of wall-clock time, mean over scenes; of scenes that ran as one batch their share of it",
 }
-# Header of a parameter's column and the factor from SI units.
-SHORT = {
-    "youngs_modulus": ("E [kPa]", 1e-3),
-    "poissons_ratio": ("nu", 1.0),
-    "friction_angle": ("phi [deg]", 1.0),
-    "yield_stress": ("tau_Y [kPa]", 1e-3),
-}
-
 # Significant digits of curves.
 CURVE_DIGITS = 4
 LONGEST_NAME = 24
@@ -104,7 +97,7 @@ def results_table(
     earlier = {result.name: result.mse for result in before}
     for result in shown:
         beside = [earlier.get(result.name)] * bool(before) + [(published or {}).get(result.name)] * bool(published)
-        values = (f"{result.parameters[name] * SHORT.get(name, (name, 1.0))[1]:.4g}" for name in names)
+        values = (f"{result.parameters[name] * _factor(name):.4g}" for name in names)
         table.add_row(escape(result.name), *values, *_errors(_scene_metrics(result), beside))
     table.add_section()
     beside = [_mean_if_any(list(earlier.values()))] * bool(before) + [None] * bool(published)
@@ -127,7 +120,12 @@ def _mean_label(outcomes: Outcomes) -> str:
 
 
 def _header(name: str) -> str:
-    return SHORT.get(name, (name, 1.0))[0]
+    return PARAMETERS[name].header if name in PARAMETERS else name
+
+
+def _factor(name: str) -> float:
+    """From SI units to those of the header."""
+    return PARAMETERS[name].display_factor if name in PARAMETERS else 1.0
 
 
 def _errors(values: Mapping[str, Any], beside: Sequence[float | None]) -> list[str]:

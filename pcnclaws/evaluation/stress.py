@@ -7,8 +7,8 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity
-from pcnclaws.laws.materials import Laws
 from pcnclaws.metrics import relative_stress_error
 from pcnclaws.simulation.records import SceneRecord
 

@@ -12,7 +12,8 @@ from pcnclaws.errors import UserError
 from pcnclaws.evaluation.energy import energy_error
 from pcnclaws.evaluation.frames import at_frames_of, step_plans
 from pcnclaws.evaluation.stress import stress_error
-from pcnclaws.laws.materials import Laws, Material, analytic_laws, material_named
+from pcnclaws.laws.analytic import Laws, analytic_laws
+from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.metrics import mse_sum, position_mse, position_mse_by_frame, rms_percent
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.motion import Model

@@ -1,91 +1,80 @@
 """Analytic elasticity: the ground truth that neural laws are trained on and compared with."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from typing import Any
 
-import torch
 from torch import Tensor
 
-from pcnclaws.laws.base import Elasticity
-from pcnclaws.laws.parameters import lame_constants
-from pcnclaws.linalg3 import determinant, hencky_strain, identity_like, left_stretch, matmul, trace, transpose
-from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.laws.base import Elasticity, Values
+from pcnclaws.laws.moduli import lame_constants
+from pcnclaws.laws.operations import exp, sum_of_squares, trace
+from pcnclaws.laws.parameters import POISSONS_RATIO, YOUNGS_MODULUS
+from pcnclaws.tensor_types import Parameters
 
 
-class FixedCorotated(Elasticity):
-    """Fixed corotated elasticity, the material of soft elastic bodies."""
+class LameElasticity(Elasticity):
+    """Elasticity with two moduli: its formulas read p.mu and p.lam, Lame's constants [Pa]."""
 
-    parameter_names = ("youngs_modulus", "poissons_ratio")
-    kernel = "FixedCorotated"
+    physical_parameters = (YOUNGS_MODULUS, POISSONS_RATIO)
 
-    def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
-        return lame_constants(parameters)[::-1]
-
-    def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
-        """Kirchhoff stress of the fixed corotated energy.
-
-            tau = 2 mu (F - R) F^T + lambda J (J - 1) I = 2 mu (b - V) + lambda J (J - 1) I
-
-        with the polar decomposition F = V R, b = V^2 = F F^T and J = det F.
-
-        deformation  elastic deformation gradient F [-], (3, 3, particles), det F > 0
-        parameters   youngs_modulus [Pa], poissons_ratio [-], each (particles,)
-        returns      tau [Pa], (3, 3, particles), symmetric
-        source       Stomakhin et al. 2012, "Energetically consistent invertible elasticity"
-        """
+    def coefficients(self, parameters: Parameters) -> Mapping[str, Tensor]:
         lam, mu = lame_constants(parameters)
-        v, b = left_stretch(deformation)
-        j = determinant(deformation.double())
-        stress = 2.0 * mu * (b - v) + identity_like(b) * (lam * j * (j - 1.0))
-        return stress.to(deformation.dtype)
+        return {"mu": mu, "lam": lam}
 
 
-class NeoHookean(Elasticity):
-    """Compressible neo-Hookean elasticity, a rubber that the Hencky form of the neural laws does not contain."""
+class FixedCorotated(LameElasticity):
+    """Fixed corotated elasticity, the material of soft elastic bodies.
 
-    parameter_names = ("youngs_modulus", "poissons_ratio")
-    kernel = "NeoHookean"
+        tau = 2 mu (F - R) F^T + lambda J (J - 1) I,   energy mu |F - R|^2 + lambda/2 (J - 1)^2
 
-    def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
-        return lame_constants(parameters)[::-1]
+    with the rotation R of F and J = det F; s = e^h are the principal stretches.
 
-    def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
-        """Kirchhoff stress of the compressible neo-Hookean energy mu/2 (tr b - 3) - mu ln J + lambda/2 (ln J)^2.
+    source  Stomakhin et al. 2012, "Energetically consistent invertible elasticity"
+    """
 
-            tau = mu (b - I) + lambda ln(J) I,   b = F F^T,   J = det F
+    def principal_stress(self, h: Values, p: Any) -> Values:
+        s = [exp(strain) for strain in h]
+        j = s[0] * s[1] * s[2]
+        pressure = p.lam * j * (j - 1.0)
+        return [2.0 * p.mu * stretch * (stretch - 1.0) + pressure for stretch in s]
 
-        deformation  elastic deformation gradient F [-], (3, 3, particles), det F > 0
-        parameters   youngs_modulus [Pa], poissons_ratio [-], each (particles,)
-        returns      tau [Pa], (3, 3, particles), symmetric
-        source       Bonet and Wood 2008, "Nonlinear continuum mechanics for finite element analysis", section 6.4.3,
-                     where it stands as the Cauchy stress tau / J
-        """
-        lam, mu = lame_constants(parameters)
-        f = deformation.double()  # b - I and ln J of small strains are differences of numbers near 1
-        b = matmul(f, transpose(f))
-        identity = identity_like(b)
-        stress = mu * (b - identity) + identity * (lam * torch.log(determinant(f)))
-        return stress.to(deformation.dtype)
+    def principal_energy(self, h: Values, p: Any) -> Any:
+        excess = [exp(strain) - 1.0 for strain in h]
+        return p.mu * sum_of_squares(excess) + 0.5 * p.lam * (exp(trace(h)) - 1.0) ** 2
 
 
-class StVKHencky(Elasticity):
-    """St. Venant-Kirchhoff elasticity in Hencky strain, the elastic part of sand and plasticine."""
+class NeoHookean(LameElasticity):
+    """Compressible neo-Hookean elasticity, a rubber that the Hencky form of the neural laws does not contain.
 
-    parameter_names = ("youngs_modulus", "poissons_ratio")
-    kernel = "StVKHencky"
+        tau = mu (b - I) + lambda ln(J) I,   energy mu/2 (tr b - 3) - mu ln J + lambda/2 (ln J)^2
 
-    def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
-        return lame_constants(parameters)[::-1]
+    with b = F F^T and J = det F.
 
-    def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
-        """Kirchhoff stress of the Hencky form of St. Venant-Kirchhoff elasticity.
+    source  Bonet and Wood 2008, "Nonlinear continuum mechanics for finite element analysis", section 6.4.3, where it
+            stands as the Cauchy stress tau / J
+    """
 
-            tau = 2 mu h + lambda tr(h) I,   h = 1/2 log(F F^T)
+    def principal_stress(self, h: Values, p: Any) -> Values:
+        pressure = p.lam * trace(h)
+        return [p.mu * (exp(2.0 * strain) - 1.0) + pressure for strain in h]
 
-        deformation  elastic deformation gradient F [-], (3, 3, particles), det F > 0
-        parameters   youngs_modulus [Pa], poissons_ratio [-], each (particles,)
-        returns      tau [Pa], (3, 3, particles), symmetric
-        source       Klar et al. 2016, "Drucker-Prager elastoplasticity for sand animation"
-        """
-        lam, mu = lame_constants(parameters)
-        h = hencky_strain(deformation)
-        return 2.0 * mu * h + identity_like(h) * (lam * trace(h))
+    def principal_energy(self, h: Values, p: Any) -> Any:
+        volumetric = trace(h)
+        squares = sum(exp(2.0 * strain) - 1.0 for strain in h)
+        return 0.5 * p.mu * (squares - 2.0 * volumetric) + 0.5 * p.lam * volumetric**2
+
+
+class StVKHencky(LameElasticity):
+    """St. Venant-Kirchhoff elasticity in Hencky strain, the elastic part of sand and plasticine.
+
+        tau = 2 mu h + lambda tr(h) I,   energy mu |h|^2 + lambda/2 (tr h)^2,   h = 1/2 log(F F^T)
+
+    source  Klar et al. 2016, "Drucker-Prager elastoplasticity for sand animation"
+    """
+
+    def principal_stress(self, h: Values, p: Any) -> Values:
+        pressure = p.lam * trace(h)
+        return [2.0 * p.mu * strain + pressure for strain in h]
+
+    def principal_energy(self, h: Values, p: Any) -> Any:
+        return p.mu * sum_of_squares(h) + 0.5 * p.lam * trace(h) ** 2

@@ -9,19 +9,21 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pcnclaws.laws.parameters import lame_constants
+from pcnclaws.laws.moduli import lame_constants
+from pcnclaws.laws.parameters import PARAMETERS
 from pcnclaws.tensor_types import Parameters
 
 
 class ConditionalMLP(nn.Module):
-    """Three linear layers with GELU between them, (inputs, particles) -> (outputs, particles).
+    """Linear layers with GELU between them, (inputs, particles) -> (outputs, particles).
 
     The last layer starts at zero, so that an untrained law is exactly the structure around the network.
     """
 
-    def __init__(self, inputs: int, outputs: int, width: int, zero_start: bool = True) -> None:
+    def __init__(self, inputs: int, outputs: int, width: int, zero_start: bool = True, hidden_layers: int = 2) -> None:
         super().__init__()
-        sizes = (inputs, width, width, outputs)
+        sizes = (inputs, *(width for _ in range(hidden_layers)), outputs)
+        self.inputs, self.outputs, self.layers = inputs, outputs, hidden_layers + 1
         self.weights = nn.ParameterList(torch.empty(b, a) for a, b in pairwise(sizes))
         self.biases = nn.ParameterList(torch.zeros(b, 1) for b in sizes[1:])
         for weight in self.weights:
@@ -69,29 +71,27 @@ class StandardisedParameters(nn.Module):
 class DimensionlessParameters(StandardisedParameters):
     """The physical parameters as inputs of a network: dimensionless and of order one.
 
-    A law divided by its moduli can depend on them only through dimensionless numbers: Poisson's ratio, the
-    friction angle and the yield strain tau_Y/(2 mu), which enters as a logarithm. Young's modulus alone does not
-    enter, so that a law holds for every stiffness. Standardised by the ranges of the material.
+    A law divided by its moduli can depend on them only through dimensionless numbers: Poisson's ratio, the friction
+    angle, and stresses such as tau_Y as the strains tau_Y/(2 mu), which enter as logarithms. Young's modulus alone does
+    not enter, so that a law holds for every stiffness. Standardised by the ranges of the material.
     """
 
     def __init__(self, ranges: Mapping[str, tuple[float, float]], names: tuple[str, ...]) -> None:
-        own = dict(ranges)
-        if "yield_stress" in own:
-            own["yield_stress"] = _yield_strain_range(ranges)
+        own = {name: _strain_range(name, ranges) if PARAMETERS[name].is_stress else ranges[name] for name in names}
         super().__init__(own, tuple(name for name in names if name != "youngs_modulus"))
 
     def _value(self, name: str, parameters: Parameters) -> Float[Tensor, " particles"]:
-        return torch.log(yield_strain(parameters)) if name == "yield_stress" else parameters[name]
+        return torch.log(strain_of_stress(name, parameters)) if PARAMETERS[name].is_stress else parameters[name]
 
 
-def yield_strain(parameters: Parameters) -> Float[Tensor, " particles"]:
-    """Shear strain |dev h| at which the yield stress is reached, tau_Y/(2 mu) [-]; at least 1e-6."""
+def strain_of_stress(name: str, parameters: Parameters) -> Float[Tensor, " particles"]:
+    """Shear strain |dev h| at which a stress such as the yield stress is reached, tau_Y/(2 mu) [-]; at least 1e-6."""
     _, mu = lame_constants(parameters)
-    return (parameters["yield_stress"] / (2.0 * mu)).clamp_min(1e-6)
+    return (parameters[name] / (2.0 * mu)).clamp_min(1e-6)
 
 
-def _yield_strain_range(ranges: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
-    """Logarithms of the smallest and the largest yield strain in the ranges of a material."""
+def _strain_range(name: str, ranges: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+    """Logarithms of the smallest and the largest such strain in the ranges of a material."""
     (e_low, e_high), (nu_low, nu_high) = ranges["youngs_modulus"], ranges["poissons_ratio"]
-    low, high = ranges["yield_stress"]
+    low, high = ranges[name]
     return math.log(low * (1.0 + nu_low) / e_high), math.log(high * (1.0 + nu_high) / e_low)

@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 
 from pcnclaws.errors import UserError, unknown_name
-from pcnclaws.laws.materials import Laws, Material
+from pcnclaws.laws.analytic import Laws
+from pcnclaws.laws.materials import Material
 from pcnclaws.laws.neural_default import ElasticNet, PlasticNet
 from pcnclaws.laws.neural_free_flow import FreeFlowPlasticNet
 from pcnclaws.laws.neural_no_prior import NoPriorElasticNet, NoPriorPlasticNet

@@ -6,28 +6,18 @@ Hencky energy, so that a rollout cannot blow up. The networks learn what is left
 strain, and the shape of the yield surface.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import torch
-from jaxtyping import Float
 from torch import Tensor
-from torch.nn import functional
 
-from pcnclaws.laws.base import Elasticity, Plasticity
+from pcnclaws.laws.base import Elasticity, Plasticity, Values
 from pcnclaws.laws.materials import Material
-from pcnclaws.laws.networks import ConditionalMLP, DimensionlessParameters, StandardisedParameters, yield_strain
-from pcnclaws.laws.parameters import lame_constants
-from pcnclaws.linalg3 import (
-    determinant,
-    deviator,
-    hencky_strain,
-    identity_like,
-    matmul,
-    safe_norm,
-    stretched,
-    trace,
-)
-from pcnclaws.tensor_types import Matrices, Parameters, Scalars
+from pcnclaws.laws.moduli import lame_constants
+from pcnclaws.laws.networks import ConditionalMLP, DimensionlessParameters, StandardisedParameters, strain_of_stress
+from pcnclaws.laws.operations import deviator, maximum, norm, softplus, sqrt, sum_of_squares, trace, where
+from pcnclaws.tensor_types import Parameters, Scalars
 
 # Strains are divided by this before they enter a network: the inputs are then of order one in soft bodies.
 STRAIN_SCALE = 0.1
@@ -49,50 +39,50 @@ class ElasticNet(Elasticity):
     need not be the derivative of an energy.
     """
 
-    kernel = "ElasticNet"
-
     def __init__(self, material: Material, width: int) -> None:
         super().__init__()
         self.parameter_names = material.elasticity.parameter_names
         self.condition = DimensionlessParameters(material.ranges, self.parameter_names)
         self.network = ConditionalMLP(3 + self.condition.count, 6, width)
 
-    def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
+    def coefficients(self, parameters: Parameters) -> Mapping[str, Tensor]:
         lam, mu = lame_constants(parameters)
-        return mu, lam, *self.condition(parameters)
+        return {"mu": mu, "lam": lam}
 
-    def kernel_weights(self) -> Sequence[Tensor]:
-        return self.network.all_weights
+    def conditions(self, parameters: Parameters) -> Sequence[Tensor]:
+        return self.condition(parameters).unbind(0)
 
-    def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
-        """Kirchhoff stress tau [Pa], (3, 3, particles), symmetric."""
-        lam, mu = lame_constants(parameters)
-        h = hencky_strain(deformation)
-        dev, volumetric = deviator(h), trace(h)
-        shear_squared = dev.square().sum((0, 1))
-        strain = bounded_invariants(dev, volumetric)
-        f = familiarity(h) * self.network(torch.cat((strain, self.condition(parameters))))
+    def features(self, h: Values) -> Values:
+        return bounded_invariants(h)
 
-        g0 = functional.softplus(SOFTPLUS_ONE + f[0] * strain[0] + f[1] * strain[1])
-        g1 = functional.softplus(SOFTPLUS_ONE + f[2] * strain[0] + f[3] * strain[1])
-        pressure = (lam + 2.0 / 3.0 * mu) * g0 * volumetric + 2.0 * mu * f[5] * shear_squared
-        shear = 2.0 * mu * g1 * dev + 2.0 * mu * f[4] * deviator(matmul(dev, dev))
-        return shear + identity_like(h) * pressure
+    def respond(self, h: Values, p: Any, x: Values, f: Values) -> Values:
+        dev = deviator(h)
+        shear_squared, two_mu, known = sum_of_squares(dev), 2.0 * p.mu, familiarity(h)
+        third = shear_squared / 3.0
+        g0 = softplus(known * (f[0] * x[0] + f[1] * x[1]) + SOFTPLUS_ONE)
+        g1 = softplus(known * (f[2] * x[0] + f[3] * x[1]) + SOFTPLUS_ONE)
+        pressure = (p.lam + two_mu / 3.0) * g0 * trace(h) + two_mu * known * f[5] * shear_squared
+        return [two_mu * (g1 * d + known * f[4] * (d * d - third)) + pressure for d in dev]
 
 
-def familiarity(h: Matrices) -> Scalars:
+def familiarity(h: Values) -> Any:
     """How much a network is believed, 1/(1 + 4 max(|h|^2 - 2, 0)^2): 1 to the last bit at strains |h| below 1.4."""
-    return 1.0 / (1.0 + 4.0 * (h.square().sum((0, 1)) - 2.0).clamp_min(0.0).square())
+    beyond = maximum(sum_of_squares(h) - 2.0, _zero(h[0]))
+    return 1.0 / (1.0 + 4.0 * beyond * beyond)
 
 
-def bounded_invariants(dev: Matrices, volumetric: Scalars) -> Float[Tensor, "3 particles"]:
+def bounded_invariants(h: Values) -> Values:
     """tr h, |dev h|^2 and det dev h as inputs of a network.
 
     Bounded: beyond a strain of order one the stiffness is held, not extrapolated.
     """
-    shear_squared = dev.square().sum((0, 1)) / STRAIN_SCALE**2
-    strain = torch.stack((volumetric / STRAIN_SCALE, shear_squared, determinant(dev) / STRAIN_SCALE**3))
-    return strain / (1.0 + strain.square() / 100.0).sqrt()
+    dev = deviator(h)
+    invariants = (
+        trace(h) / STRAIN_SCALE,
+        sum_of_squares(dev) / STRAIN_SCALE**2,
+        dev[0] * dev[1] * dev[2] / STRAIN_SCALE**3,
+    )
+    return [x / sqrt(1.0 + x * x / 100.0) for x in invariants]
 
 
 class PlasticNet(Plasticity):
@@ -106,7 +96,6 @@ class PlasticNet(Plasticity):
     energy can only be released.
     """
 
-    kernel = "PlasticNet"
     conditioning: type[StandardisedParameters] = DimensionlessParameters
     outputs = 3  # of the network
 
@@ -118,35 +107,43 @@ class PlasticNet(Plasticity):
         self.condition = self.conditioning(material.ranges, self.parameter_names)
         self.network = ConditionalMLP(2 + self.condition.count, self.outputs, width)
 
-    def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
-        return self._unit(parameters), self._strain_for_stress(parameters), *self.condition(parameters)
+    def coefficients(self, parameters: Parameters) -> Mapping[str, Tensor]:
+        return {"unit": self._unit(parameters), "strain_for_stress": self._strain_for_stress(parameters)}
 
-    def kernel_weights(self) -> Sequence[Tensor]:
-        return self.network.all_weights
+    def conditions(self, parameters: Parameters) -> Sequence[Tensor]:
+        return self.condition(parameters).unbind(0)
 
-    def return_map(self, trial: Matrices, parameters: Parameters) -> Matrices:
-        """Elastic deformation gradient after plastic flow [-], (3, 3, particles)."""
-        h = hencky_strain(trial)
+    def features(self, h: Values) -> Values:
+        """Where a strain points, whatever its size: its share of volume, and shear from extension to compression."""
         dev, volumetric = deviator(h), trace(h)
-        shear = safe_norm(dev)
-        f = self.network(torch.cat((_direction(dev, volumetric, shear), self.condition(parameters))))
-        unit = self._unit(parameters)
-        tension, cohesion, friction = self._surface(f, parameters)
+        shear = norm(dev)
+        softened = shear + 1e-4
+        size = sqrt(shear * shear + volumetric * volumetric + 1e-8)
+        return [volumetric / size, 3.0 * 6.0**0.5 * dev[0] * dev[1] * dev[2] / (softened * softened * softened)]
 
-        volumetric_after = torch.minimum(volumetric, unit * tension)
-        limit = unit * cohesion + friction * (-volumetric_after).clamp_min(0.0)
-        flow = torch.where(shear > limit, self._flow(dev, shear, limit, f), 0.0)
-        flow = flow + identity_like(h) * ((volumetric_after - volumetric) / 3.0)
-        return stretched(flow, trial)
+    def respond(self, h: Values, p: Any, x: Values, f: Values) -> Values:
+        dev, volumetric = deviator(h), trace(h)
+        shear = norm(dev)
+        # squares reach 0, where the logarithm of a limit would have to travel for ever
+        tension, cohesion = (p.unit * ((1.0 + 4.0 * f[k]) * (1.0 + 4.0 * f[k])) for k in range(2))
+        friction = p.strain_for_stress * softplus(4.0 * f[2] + SOFTPLUS_ONE)
 
-    def _flow(self, dev: Matrices, shear: Scalars, limit: Scalars, f: Tensor) -> Matrices:
+        after = where(volumetric > tension, tension, volumetric)
+        limit = cohesion + friction * where(after < 0.0, -after, 0.0)
+        yields = shear > limit
+        mean = (after - volumetric) / 3.0
+        flow = self._flow(dev, where(yields, shear, 1.0), limit, f)
+        return [strain + (where(yields, change, 0.0) + mean) for strain, change in zip(h, flow, strict=True)]
+
+    def _flow(self, dev: Values, shear: Any, limit: Any, f: Values) -> Values:
         """What a particle that yields adds to dev h: it goes straight back to the surface."""
-        return (limit / torch.where(shear > limit, shear, 1.0) - 1.0) * dev
+        share = limit / shear - 1.0
+        return [share * d for d in dev]
 
     def _unit(self, parameters: Parameters) -> Scalars:
         """The strain that tensile limit and cohesion are measured in."""
         if "yield_stress" in self.parameter_names:
-            return yield_strain(parameters)
+            return strain_of_stress("yield_stress", parameters)
         return torch.full_like(parameters["youngs_modulus"], REFERENCE_YIELD_STRAIN)
 
     def _strain_for_stress(self, parameters: Parameters) -> Scalars:
@@ -154,15 +151,6 @@ class PlasticNet(Plasticity):
         lam, mu = lame_constants(parameters)
         return (lam + 2.0 / 3.0 * mu) / (2.0 * mu)
 
-    def _surface(self, f: Float[Tensor, "outputs particles"], parameters: Parameters) -> tuple[Tensor, ...]:
-        """Tensile limit, cohesion (both in yield strains) and friction (in strains)."""
-        # squares reach 0, where the logarithm of a limit would have to travel for ever
-        tension, cohesion = (1.0 + 4.0 * f[:2]).square()
-        friction = functional.softplus(SOFTPLUS_ONE + 4.0 * f[2])
-        return tension, cohesion, self._strain_for_stress(parameters) * friction
 
-
-def _direction(dev: Matrices, volumetric: Scalars, shear: Scalars) -> Float[Tensor, "2 particles"]:
-    """Where a strain points, whatever its size: its share of volume, and its shear from extension to compression."""
-    size = (shear.square() + volumetric.square() + 1e-8).sqrt()
-    return torch.stack((volumetric / size, 3.0 * determinant(dev) * 6.0**0.5 / (shear + 1e-4).pow(3)))
+def _zero(like: Any) -> Any:
+    return torch.zeros_like(like) if isinstance(like, Tensor) else 0.0

@@ -4,12 +4,11 @@ The radial return of the default variant is exact for von Mises and Drucker-Prag
 with corners or flat sides, such as Tresca's, flows along its own normal: stress wanders along the surface.
 """
 
-import torch
-from torch import Tensor
+from typing import Any
 
+from pcnclaws.laws.base import Values
 from pcnclaws.laws.neural_default import PlasticNet
-from pcnclaws.linalg3 import determinant, deviator, matmul, safe_norm
-from pcnclaws.tensor_types import Matrices, Scalars
+from pcnclaws.laws.operations import norm, sum_of_squares, where
 
 # The network's output that turns the flow is multiplied by this: 1 is then a flow at 45 degrees from the radius.
 TURN = 4.0 * 6.0**0.5
@@ -25,14 +24,14 @@ class FreeFlowPlasticNet(PlasticNet):
     whatever t is: as before, Hencky energy can only be released.
     """
 
-    kernel = "FreeFlowPlasticNet"
     outputs = 4
 
-    def _flow(self, dev: Matrices, shear: Scalars, limit: Scalars, f: Tensor) -> Matrices:
+    def _flow(self, dev: Values, shear: Any, limit: Any, f: Values) -> Values:
         """What a particle that yields adds to dev h: it goes to the surface beside its radius."""
-        yields = shear > limit
-        n = dev / torch.where(yields, shear, 1.0)
-        around = deviator(matmul(n, n)) - 3.0 * determinant(n) * n
-        w = limit * n - (shear - limit) * TURN * f[3] * around
-        length = safe_norm(w)
-        return limit * w / torch.where(length > 0.0, length, 1.0) - dev
+        n = [d / shear for d in dev]
+        third, lode = sum_of_squares(n) / 3.0, 3.0 * (n[0] * n[1] * n[2])
+        turn = (shear - limit) * TURN * f[3]
+        w = [limit * k - turn * (k * k - third - lode * k) for k in n]
+        length = norm(w)
+        share = limit / where(length > 0.0, length, 1.0)
+        return [share * k - d for k, d in zip(w, dev, strict=True)]

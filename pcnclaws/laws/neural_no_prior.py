@@ -5,18 +5,18 @@ of small strain and that tau_Y is a strain in units of 2 mu is no longer built i
 one stiffness and one yield surface for all parameters: how they depend on them must be learned.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
-from pcnclaws.laws.base import Elasticity
+from pcnclaws.laws.base import Elasticity, Values
 from pcnclaws.laws.materials import Material
 from pcnclaws.laws.networks import ConditionalMLP, StandardisedParameters
 from pcnclaws.laws.neural_default import SOFTPLUS_ONE, STRAIN_SCALE, PlasticNet, bounded_invariants
-from pcnclaws.linalg3 import deviator, hencky_strain, identity_like, matmul, trace
-from pcnclaws.tensor_types import Matrices, Parameters, Scalars
+from pcnclaws.laws.operations import deviator, softplus, sum_of_squares, trace
+from pcnclaws.tensor_types import Parameters, Scalars
 
 
 class NoPriorElasticNet(Elasticity):
@@ -29,8 +29,6 @@ class NoPriorElasticNet(Elasticity):
     stiffness. The stress need not be the derivative of an energy.
     """
 
-    kernel = "NoPriorElasticNet"
-
     def __init__(self, material: Material, width: int) -> None:
         super().__init__()
         self.parameter_names = material.elasticity.parameter_names
@@ -38,21 +36,22 @@ class NoPriorElasticNet(Elasticity):
         self.network = ConditionalMLP(3 + self.condition.count, 4, width)
         self.stress_scale = material.defaults["youngs_modulus"]
 
-    def kernel_parameters(self, parameters: Parameters) -> Sequence[Tensor]:
-        scale = torch.full_like(parameters["youngs_modulus"], self.stress_scale)
-        return scale, *self.condition(parameters)
+    def coefficients(self, parameters: Parameters) -> Mapping[str, Tensor]:
+        return {"scale": torch.full_like(parameters["youngs_modulus"], self.stress_scale)}
 
-    def kernel_weights(self) -> Sequence[Tensor]:
-        return self.network.all_weights
+    def conditions(self, parameters: Parameters) -> Sequence[Tensor]:
+        return self.condition(parameters).unbind(0)
 
-    def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
-        """Kirchhoff stress tau [Pa], (3, 3, particles), symmetric."""
-        h = hencky_strain(deformation)
-        dev, volumetric = deviator(h), trace(h)
-        f = self.network(torch.cat((bounded_invariants(dev, volumetric), self.condition(parameters))))
-        a0, a1 = functional.softplus(SOFTPLUS_ONE + f[:2])
-        pressure = a0 * volumetric + f[3] * dev.square().sum((0, 1))
-        return self.stress_scale * (a1 * dev + f[2] * deviator(matmul(dev, dev)) + identity_like(h) * pressure)
+    def features(self, h: Values) -> Values:
+        return bounded_invariants(h)
+
+    def respond(self, h: Values, p: Any, x: Values, f: Values) -> Values:
+        dev = deviator(h)
+        shear_squared = sum_of_squares(dev)
+        third = shear_squared / 3.0
+        a0, a1 = (softplus(f[k] + SOFTPLUS_ONE) for k in range(2))
+        pressure = a0 * trace(h) + f[3] * shear_squared
+        return [p.scale * (a1 * d + f[2] * (d * d - third) + pressure) for d in dev]
 
 
 class NoPriorPlasticNet(PlasticNet):
@@ -62,7 +61,6 @@ class NoPriorPlasticNet(PlasticNet):
     has a yield stress and what the moduli make of friction must be learned.
     """
 
-    kernel = "PlasticNet"
     conditioning = StandardisedParameters
 
     def _unit(self, parameters: Parameters) -> Scalars:

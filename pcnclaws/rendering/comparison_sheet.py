@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 from pcnclaws.atomic import replaced_file
 from pcnclaws.metrics import mse_sum, object_size, position_mse, rms_percent
 from pcnclaws.rendering.camera import Camera
-from pcnclaws.rendering.labels import COLOURS, FONT, OTHER_COLOUR, material_label
+from pcnclaws.rendering.labels import FONT, material_colour, material_label
 from pcnclaws.rendering.pictures import camera_for, panel
 from pcnclaws.simulation.records import SceneRecord
 
@@ -112,7 +112,7 @@ def _label(pair: Pair) -> str:
 def _scale(pairs: Sequence[Pair]) -> _Scale:
     farthest = max(float(np.nanmax(np.linalg.norm(p.predicted.position - p.true.position, axis=2))) for p in pairs)
     least, most = (part * object_size(pairs[0].true.volume) for part in SCALE_WITHIN)
-    own = COLOURS.get(pairs[0].true.material, OTHER_COLOUR)
+    own = material_colour(pairs[0].true.material)
     return _Scale(min(max(farthest, least), most), LinearSegmentedColormap.from_list("distance", [own, FAR]))
 
 

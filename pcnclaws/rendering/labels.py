@@ -5,29 +5,28 @@ from pathlib import Path
 
 import matplotlib
 
+from pcnclaws.laws.materials import MATERIALS, OTHER_COLOUR
+from pcnclaws.laws.parameters import PARAMETERS
+
 # Letters of the pictures that are not drawn by matplotlib.
 FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
-COLOURS = {"sand": (0.90, 0.74, 0.45), "plasticine": (0.86, 0.50, 0.42), "elasticity": (0.45, 0.66, 0.88)}
-OTHER_COLOUR = (0.62, 0.66, 0.70)
 
-_SHORT = {
-    "youngs_modulus": ("E", 1e-3, " kPa"),
-    "poissons_ratio": ("\N{GREEK SMALL LETTER NU}", 1.0, ""),
-    "friction_angle": ("\N{GREEK SMALL LETTER PHI}", 1.0, "°"),
-    "yield_stress": ("yield stress", 1e-3, " kPa"),
-}
+
+def material_colour(material: str) -> tuple[float, float, float]:
+    """The colour of the particles of a material, RGB; that of others for one that is not known."""
+    return MATERIALS[material].colour if material in MATERIALS else OTHER_COLOUR
 
 
 def material_label(material: str, parameters: Mapping[str, float]) -> str:
     """Material and parameters in short, such as 'sand, E 370 kPa, ν 0.18, φ 30°'; parameters alone if it is empty."""
     words = [material] if material else []
     for name, value in parameters.items():
-        symbol, scale, unit = _SHORT.get(name, (name, 1.0, ""))
-        words.append(f"{symbol} {value * scale:.3g}{unit}")
+        words.append(PARAMETERS[name].shown(value) if name in PARAMETERS else f"{name} {value:.3g}")
     return ", ".join(words)
 
 
 def axis_label(name: str) -> tuple[str, float]:
     """Symbol and unit of a parameter for the axis of a picture, and the factor from SI units to that one."""
-    symbol, scale, unit = _SHORT.get(name, (name, 1.0, ""))
-    return (f"{symbol} [{unit.strip()}]" if unit else symbol), scale
+    if name not in PARAMETERS:
+        return name, 1.0
+    return PARAMETERS[name].label, PARAMETERS[name].display_factor

@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from pcnclaws.atomic import replaced_file
 from pcnclaws.metrics import mse_sum, position_mse, rms_percent
 from pcnclaws.rendering.camera import Camera
-from pcnclaws.rendering.labels import COLOURS, OTHER_COLOUR, material_label
+from pcnclaws.rendering.labels import material_colour, material_label
 from pcnclaws.rendering.spheres import draw_particles
 from pcnclaws.rendering.upright import has_floor, upright
 from pcnclaws.simulation.records import SceneRecord
@@ -102,7 +102,7 @@ def panel(
     The floor is the wall that gravity points to; without gravity there is none.
     """
     if colour is None:
-        colour = np.tile(COLOURS.get(record.material, OTHER_COLOUR), (len(record.volume), 1))
+        colour = np.tile(material_colour(record.material), (len(record.volume), 1))
     radius = SPHERE_SIZE * np.cbrt(record.volume.astype(np.float64))
     gravity = record.settings.gravity
     return draw_particles(

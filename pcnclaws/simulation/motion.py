@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 from torch import Tensor, nn
 from torch.utils.data import Dataset
 
-from pcnclaws.laws.materials import Laws
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart
 

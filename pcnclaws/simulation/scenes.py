@@ -14,7 +14,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pcnclaws.errors import UserError
-from pcnclaws.laws.materials import MATERIALS, Laws
+from pcnclaws.laws.analytic import Laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.parameters import validate_parameters
 from pcnclaws.laws.plasticity import NoPlasticity
 from pcnclaws.mpm.integrator import MPMIntegrator

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from pcnclaws.data.dataset import SegmentBatch
 from pcnclaws.errors import SimulationDiverged, UserError, unknown_name
-from pcnclaws.laws.materials import Laws
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.metrics import position_mse
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.fast_paths import Skips

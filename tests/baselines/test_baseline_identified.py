@@ -1,5 +1,6 @@
 """System identification: bounded parameters, the analytic law at them, and a training that finds the truth."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,8 @@ from training_bodies import recorded
 from pcnclaws.baselines.identified import UnknownParameters, identified, identified_values
 from pcnclaws.data.datamodule import TrajectoryDataModule
 from pcnclaws.data.segments import SegmentPlan
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.training.module import OptimiserSettings
 from pcnclaws.training.single_scene import SingleSceneModule
 from pcnclaws.training.trainer import fit, quiet_lightning
@@ -55,7 +57,7 @@ def test_training_approaches_the_truth(tmp_path: Path) -> None:
     quiet_lightning()
     bodies = recorded(1)
     truth = bodies[0].parameters
-    material = MATERIALS["elasticity"]._replace(ranges={"youngs_modulus": (1e4, 5e4), "poissons_ratio": (0.2, 0.4)})
+    material = replace(MATERIALS["elasticity"], ranges={"youngs_modulus": (1e4, 5e4), "poissons_ratio": (0.2, 0.4)})
     laws = identified(material)
     before = identified_values(laws)
     data = TrajectoryDataModule(bodies, bodies, SegmentPlan(120, 2, first=40, last=40), 60)

@@ -11,7 +11,8 @@ from torch import Tensor
 from pcnclaws.baselines.spline import EnergyTerm, SplineElasticity, SplinePlasticity, spline
 from pcnclaws.baselines.splines import cubic, cubic_integral, cubic_slope, knots_around_one, linear, locate
 from pcnclaws.errors import UserError
-from pcnclaws.laws.materials import MATERIALS, Laws
+from pcnclaws.laws.analytic import Laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.plasticity import VonMises
 from pcnclaws.linalg3 import exp_symmetric, identity_like, matmul, transpose
 

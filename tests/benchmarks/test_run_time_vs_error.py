@@ -35,7 +35,8 @@ from benchmarks.yardstick import Yardstick
 from pcnclaws.commands.composition import compose_config
 from pcnclaws.commands.configuration import settings_from, start_from
 from pcnclaws.commands.runs import laws_for
-from pcnclaws.laws.materials import MATERIALS, Laws, analytic_laws
+from pcnclaws.laws.analytic import Laws, analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import build_neural_laws
 
 CPU = torch.device("cpu")

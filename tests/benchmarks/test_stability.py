@@ -22,7 +22,8 @@ from pcnclaws.commands.runs import laws_for
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.errors import UserError
 from pcnclaws.evaluation.energy import potential_energy, scene_energy
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.parameters import compression_wave_speed
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes

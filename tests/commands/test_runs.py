@@ -12,8 +12,9 @@ from safetensors.torch import save_file
 
 from pcnclaws.commands.runs import CONFIG, METRICS, WEIGHTS, is_finished, laws_for, load_run, start_run
 from pcnclaws.errors import UserError
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.elasticity import FixedCorotated
-from pcnclaws.laws.materials import MATERIALS, Laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.training.weights import law_weights, read_weights, write_weights
 

@@ -10,7 +10,8 @@ from recorded_scenes import recorded, small_cube
 from rich.console import Console
 
 from pcnclaws.commands.training_report import Report, write_report
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.training.callbacks import BestWeights, History

@@ -10,7 +10,8 @@ from omegaconf import DictConfig
 from training_bodies import recorded
 
 from pcnclaws.commands.training_start import settled_start
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.simulation.records import SceneRecord
 
 OF_INITIAL = {"iterations": 120, "batch_segments": 2, "check_every": 30, "start": "initial"}

@@ -10,7 +10,9 @@ from compiled_checks import (
     after_steps,
     gradients,
     in_dtype,
+    kernel_of,
     largest_difference,
+    laws_of,
     moving_batch,
     rates,
     simulator_of,
@@ -266,15 +268,15 @@ def test_input_that_does_not_fit_is_refused_or_broadcast() -> None:
     with pytest.raises(ValueError, match="scene_index"):
         simulator.integrator(state, stress, scenes._replace(gravity=scenes.gravity[:, :2]))
     with pytest.raises(ValueError, match="rows of parameters"):
-        isotropic_law("DruckerPrager", state.deformation, torch.ones(400, len(scenes.mass)).double())
+        isotropic_law(kernel_of(DruckerPrager()), state.deformation, torch.ones(400, len(scenes.mass)).double())
+    elastic = laws_of("sand", "neural").elasticity
     with pytest.raises(ValueError, match="rows of parameters"):
-        isotropic_law("ElasticNet", state.deformation, torch.ones(3, len(scenes.mass)).double())
+        isotropic_law(kernel_of(elastic), state.deformation, torch.ones(3, len(scenes.mass)).double())
     single = {name: torch.full_like(value, 0.3) for name, value in parameters.items()}
     broadcast = {name: value[:1] for name, value in single.items()}
     found = simulator.elasticity.kernel_rows(broadcast).expand(-1, len(scenes.mass))
-    torch.testing.assert_close(
-        isotropic_law("StVKHencky", state.deformation, found), simulator.elasticity(state.deformation, single)
-    )
+    law = simulator.elasticity
+    torch.testing.assert_close(isotropic_law(kernel_of(law), state.deformation, found), law(state.deformation, single))
 
 
 def test_what_the_kernels_cannot_differentiate_runs_in_pytorch() -> None:

@@ -6,7 +6,16 @@ The same sources, once on a GPU, and once on the CPU, their threads one after th
 import pytest
 import torch
 from bodies import seeded, uniform
-from compiled_checks import MATERIALS, Batch, in_dtype, largest_difference, moving_batch, simulator_of
+from compiled_checks import (
+    MATERIALS,
+    Batch,
+    in_dtype,
+    kernel_of,
+    largest_difference,
+    moving_batch,
+    network_of,
+    simulator_of,
+)
 from torch import Tensor
 
 from pcnclaws.compiled import gpu
@@ -14,6 +23,7 @@ from pcnclaws.compiled.backend import using_backend
 from pcnclaws.compiled.build import find_compiler
 from pcnclaws.compiled.isotropic_laws import isotropic_law
 from pcnclaws.laws.base import Law
+from pcnclaws.laws.elasticity import FixedCorotated, StVKHencky
 from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
@@ -88,17 +98,18 @@ def test_a_step_and_its_gradients(boundary: str, dtype: torch.dtype, tolerance: 
 def test_parameters_and_networks_that_do_not_fit_are_refused() -> None:
     law, batch = simulator_of("sand", "neural").elasticity, moving_batch("sand")
     rows, weights, _ = _inputs(law, batch)
-    for law_name, given, network, refused in (
-        ("ElasticNet", rows[:1], weights, "rows of parameters"),
-        ("ElasticNet", rows[:2], weights, "the network must fit"),
-        ("PlasticNet", rows, weights, "the network must fit"),
-        ("FixedCorotated", rows, [], "rows of parameters"),
-        ("ElasticNet", rows, [], "the network must fit"),
+    plastic = simulator_of("sand", "neural").plasticity
+    assert plastic is not None
+    for other, given, network, refused in (
+        (law, rows[:1], weights, "reads 3 rows of parameters"),
+        (plastic, rows, weights, "reads 4 rows of parameters"),
+        (FixedCorotated(), rows, [], "reads 2 rows of parameters"),
+        (law, rows, [], "the network must fit"),
     ):
-        with pytest.raises(RuntimeError, match=refused):
-            gpu.law_forward(law_name, batch.state.deformation, given, network)
+        with pytest.raises((RuntimeError, ValueError), match=refused):
+            gpu.law_forward(kernel_of(other), batch.state.deformation, given, network)
     with pytest.raises(ValueError, match="float64 on cpu was given torch.float32 on cpu"):
-        gpu.law_forward("StVKHencky", batch.state.deformation, rows[:2].float(), [])
+        gpu.law_forward(kernel_of(StVKHencky()), batch.state.deformation, rows[:2].float(), [])
 
 
 @DEVICES
@@ -133,5 +144,5 @@ def _of_cpu(law: Law, batch: Batch) -> list[Tensor]:
 
 def _inputs(law: Law, batch: Batch) -> tuple[Tensor, list[Tensor], Tensor]:
     rows = law.kernel_rows(batch.parameters).contiguous()
-    weights = [weight.detach() for weight in law.kernel_weights()]
+    weights = [weight.detach() for weight in (network_of(law).all_weights if "network" in law._modules else ())]
     return rows, weights, uniform(seeded(5), *batch.state.deformation.shape).to(rows.dtype)

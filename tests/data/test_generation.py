@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from pcnclaws.commands.composition import compose_config
 from pcnclaws.commands.data_sets import ready_data_set
 from pcnclaws.data.generation import generate_data_set, read_split
-from pcnclaws.data.reference_objects import REFERENCE_OBJECTS, is_near_reference, reference_objects
+from pcnclaws.data.reference_objects import is_near_reference
 from pcnclaws.data.sampling import DataSetPlan, draw_motions, draw_parameters, planned_scenes
 from pcnclaws.errors import UserError
 from pcnclaws.generate import generate
@@ -60,26 +60,31 @@ def test_training_parameters_fill_the_ranges_and_keep_away_from_the_test_objects
         assert np.diff([lower, *values, upper]).max() < 0.15 * (upper - lower)
     assert len({tuple(parameters.values()) for parameters in drawn}) == 64
     for parameters in drawn:
-        for thing in reference_objects(material.name):
+        for thing in material.objects:
             assert max(abs(parameters[name] / value - 1.0) for name, value in thing.parameters.items()) > 0.03
 
 
 def test_the_neighbourhood_of_a_test_object_is_left_out() -> None:
-    assert is_near_reference({"youngs_modulus": 3.8e5, "poissons_ratio": 0.175, "friction_angle": 30.8}, "sand")
-    assert not is_near_reference({"youngs_modulus": 3.7e5, "poissons_ratio": 0.18, "friction_angle": 31.0}, "sand")
+    assert is_near_reference(
+        {"youngs_modulus": 3.8e5, "poissons_ratio": 0.175, "friction_angle": 30.8}, MATERIALS["sand"]
+    )
+    assert not is_near_reference(
+        {"youngs_modulus": 3.7e5, "poissons_ratio": 0.18, "friction_angle": 31.0}, MATERIALS["sand"]
+    )
     # enough draws to meet the neighbourhoods: without the exclusion about one in 400 of these lies in one
-    assert not any(is_near_reference(p, "elasticity") for p in draw_parameters(MATERIALS["elasticity"], 3000, (1,)))
+    assert not any(
+        is_near_reference(p, MATERIALS["elasticity"]) for p in draw_parameters(MATERIALS["elasticity"], 3000, (1,))
+    )
 
 
 def test_the_papers_objects_are_the_test_scenes() -> None:
-    assert len(REFERENCE_OBJECTS) == 9 + 6, "those of the paper, and two materials that borrow their parameters"
-    assert sum(thing.paper_mse is not None for thing in REFERENCE_OBJECTS) == 6
+    objects = [thing for material in MATERIALS.values() for thing in material.objects]
+    assert len(objects) == 9 + 6, "those of the paper, and two materials that borrow their parameters"
+    assert sum(thing.paper_mse is not None for thing in objects) == 6
     for material in MATERIALS.values():
         tests = planned_scenes(replace(SMALL, material=material))["test"]
-        assert [dict(start.parameters) for start in tests] == [
-            dict(thing.parameters) for thing in reference_objects(material.name)
-        ]
-        assert all(set(thing.parameters) == set(material.ranges) for thing in reference_objects(material.name))
+        assert [dict(start.parameters) for start in tests] == [dict(thing.parameters) for thing in material.objects]
+        assert all(set(thing.parameters) == set(material.ranges) for thing in material.objects)
 
 
 def test_motions_are_fast_enough_not_too_fast_and_half_without_spin() -> None:

@@ -12,11 +12,13 @@ from pcnclaws.estimation.inverse import EstimatorSettings, InverseModule
 from pcnclaws.estimation.law_error import calibrated_error, known_law_error
 from pcnclaws.estimation.screening import screened_start, stable_start
 from pcnclaws.estimation.start_motion import with_first_motion
-from pcnclaws.estimation.transforms import TRANSFORMS, Free, Transform
+from pcnclaws.estimation.transforms import Free, Transform, transform_of
 from pcnclaws.estimation.uncertainty import ROUNDING, projected_error, uncertainty
 from pcnclaws.estimation.unknowns import connected_bodies
 from pcnclaws.geometry.velocity_gradients import spin_gradient
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.laws.parameters import PARAMETERS, POISSONS_RATIO, YOUNGS_MODULUS
 from pcnclaws.simulation.scenes import simulate_records
 
 # PyTorch warns of its own use of torch.jit when it loads forward mode
@@ -24,7 +26,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated
 MATERIAL = pytest.mark.parametrize("material", list(TRUTH))
 
 
-@pytest.mark.parametrize("transform", [*TRANSFORMS.values(), Free(0.5)])
+@pytest.mark.parametrize("transform", [*map(transform_of, PARAMETERS.values()), Free(0.5)])
 def test_a_coordinate_and_its_number_are_one_to_one(transform: Transform | Free) -> None:
     u = np.linspace(-3.0, 3.0, 7)
     values = transform.value(u)
@@ -35,10 +37,10 @@ def test_a_coordinate_and_its_number_are_one_to_one(transform: Transform | Free)
 
 
 def test_a_guess_at_a_bound_is_put_inside_and_any_other_is_left_alone() -> None:
-    nu = TRANSFORMS["poissons_ratio"]
+    nu = transform_of(POISSONS_RATIO)
     assert 0.4 < nu.inside(0.5) < 0.49
     assert nu.inside(0.13) == 0.13
-    assert TRANSFORMS["youngs_modulus"].inside(0.0) > 100.0
+    assert transform_of(YOUNGS_MODULUS).inside(0.0) > 100.0
     assert np.isfinite(nu.coordinate(nu.inside(0.5)))
 
 

@@ -17,7 +17,8 @@ from pcnclaws.evaluation.builtin import builtin_task, paper_errors
 from pcnclaws.evaluation.gallery import leave_pictures, leave_sheet
 from pcnclaws.evaluation.report import metrics, results_table, write_metrics
 from pcnclaws.evaluation.tasks import evaluate_records, steps_to_run
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.provenance import provenance
 from pcnclaws.rendering.comparison_sheet import Pair

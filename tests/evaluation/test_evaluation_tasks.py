@@ -21,7 +21,8 @@ from pcnclaws.evaluation.gallery import leave_map
 from pcnclaws.evaluation.parameter_map import error_maps, map_axis, map_settings, map_starts
 from pcnclaws.evaluation.report import metrics, results_table
 from pcnclaws.evaluation.tasks import SceneResult, evaluate_records
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.parameters import validate_parameters
 from pcnclaws.metrics import object_size
 from pcnclaws.mpm.settings import SimulationSettings

@@ -10,7 +10,8 @@ from pcnclaws.commands.composition import compose_config
 from pcnclaws.commands.configuration import start_from
 from pcnclaws.errors import UserError
 from pcnclaws.geometry.shapes import particles
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulate import simulate
 from pcnclaws.simulation.particle_spacing import particle_spacing, particles_a_cell

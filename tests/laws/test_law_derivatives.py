@@ -9,7 +9,7 @@ from law_checks import deformations, rotations, strains
 from torch import Tensor
 
 from pcnclaws.laws.elasticity import FixedCorotated, NeoHookean, StVKHencky
-from pcnclaws.laws.parameters import lame_constants
+from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.plasticity import DruckerPrager, Tresca, VonMises
 from pcnclaws.linalg3 import deviator, exp_symmetric, identity_like, matmul, safe_norm
 

@@ -8,10 +8,11 @@ from bodies import per_particle, principal
 from law_checks import check_elasticity, check_plasticity, deformations, rotations, strains
 from torch import Tensor
 
+from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.base import Plasticity
 from pcnclaws.laws.elasticity import FixedCorotated, NeoHookean, StVKHencky
-from pcnclaws.laws.materials import MATERIALS, Material, analytic_laws
-from pcnclaws.laws.parameters import lame_constants
+from pcnclaws.laws.materials import MATERIALS, Material
+from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.plasticity import DruckerPrager, NoPlasticity, Tresca, VonMises
 from pcnclaws.linalg3 import deviator, exp_symmetric, hencky_strain, identity_like, matmul, safe_norm, trace, transpose
 

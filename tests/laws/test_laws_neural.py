@@ -6,8 +6,9 @@ from bodies import per_particle, seeded
 from law_checks import COUNT, check_elasticity, check_plasticity, deformations, rotations
 
 from pcnclaws.errors import UserError
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.elasticity import StVKHencky
-from pcnclaws.laws.materials import MATERIALS, Laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import VARIANTS, build_neural_laws
 from pcnclaws.laws.neural_free_flow import FreeFlowPlasticNet
 from pcnclaws.linalg3 import deviator, hencky_strain, identity_like, matmul, safe_norm, transpose

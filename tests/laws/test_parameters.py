@@ -8,7 +8,8 @@ from bodies import per_particle
 
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import MATERIALS, material_named
-from pcnclaws.laws.parameters import lame_constants, validate_parameters
+from pcnclaws.laws.moduli import lame_constants
+from pcnclaws.laws.parameters import validate_parameters
 from pcnclaws.mpm.settings import SimulationSettings
 
 HOOKE = {"youngs_modulus": 3e5, "poissons_ratio": 0.3}

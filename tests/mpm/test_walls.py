@@ -10,7 +10,8 @@ from recorded_scenes import ELASTIC, SAND
 from pcnclaws.commands.composition import compose_config
 from pcnclaws.commands.configuration import settings_from
 from pcnclaws.errors import ParticleEscaped, SimulationDiverged, UserError
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.diagnostics import why_failing
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState

@@ -12,7 +12,8 @@ from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.evaluate import evaluate
 from pcnclaws.evaluation.frames import in_automatic_time_step
 from pcnclaws.evaluation.tasks import evaluate_records, steps_to_run
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import start_of
 from pcnclaws.simulation.time_step import COMFORTABLE_CFL, largest_speed, scene_cfl

@@ -16,9 +16,10 @@ from pcnclaws.commands.configuration import skips_from
 from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.evaluation.tasks import evaluate_records
 from pcnclaws.generate import generate
+from pcnclaws.laws.analytic import Laws, analytic_laws
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.elasticity import FixedCorotated
-from pcnclaws.laws.materials import MATERIALS, Laws, analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.plasticity import NoPlasticity
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulate import simulate

@@ -24,9 +24,10 @@ from falling_bodies import (
 from torch import nn
 
 from pcnclaws.errors import SimulationDiverged
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity, Plasticity
 from pcnclaws.laws.elasticity import FixedCorotated
-from pcnclaws.laws.materials import MATERIALS, Laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.linalg3 import identity_like
 from pcnclaws.mpm.state import ParticleState
 from pcnclaws.simulation.fast_paths import Skips
@@ -104,8 +105,6 @@ def test_a_body_thrown_upwards_turns_and_falls_as_it_would() -> None:
 
 class Prestressed(FixedCorotated):
     """A law of a body that is never free of stress."""
-
-    kernel = None
 
     def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
         return super().kirchhoff_stress(deformation, parameters) + 10.0 * identity_like(deformation)

@@ -12,7 +12,8 @@ from pcnclaws.data.segments import SegmentPlan
 from pcnclaws.data.timeline import Timeline
 from pcnclaws.errors import UserError
 from pcnclaws.geometry.shapes import spin_velocity
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.records import SceneRecord

@@ -7,7 +7,8 @@ import torch
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.compiled.build import find_compiler
 from pcnclaws.compiled.isotropic_laws import fallbacks
-from pcnclaws.laws.materials import analytic_laws, material_named
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import material_named
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.scenes import SceneStart, simulate_records
 

@@ -17,7 +17,8 @@ from pcnclaws.data.sampling import DataSetPlan
 from pcnclaws.errors import UserError
 from pcnclaws.evaluation.frames import at_frames_of
 from pcnclaws.geometry.shapes import particles
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.observe import observe
 from pcnclaws.simulation.records import Keyframes, SceneRecord
 from pcnclaws.simulation.scenes import simulate_records

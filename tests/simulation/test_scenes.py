@@ -9,7 +9,8 @@ from recordings import SAND, recording
 
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.geometry.shapes import particles, spin_velocity
-from pcnclaws.laws.materials import analytic_laws, material_named
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import material_named
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.placement import require_inside
 from pcnclaws.simulation.scenes import (

@@ -24,7 +24,8 @@ from pcnclaws.estimation.uncertainty import ROUNDING, uncertainty
 from pcnclaws.evaluate import evaluate
 from pcnclaws.geometry.shapes import particles
 from pcnclaws.geometry.velocity_gradients import spin_gradient, velocity_gradients
-from pcnclaws.laws.materials import MATERIALS, analytic_laws, material_named
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS, material_named
 from pcnclaws.mpm.diagnostics import angular_momentum
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulate import simulate

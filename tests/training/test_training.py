@@ -14,8 +14,9 @@ from training_bodies import Scaled, recorded
 from pcnclaws.data.datamodule import TrajectoryDataModule
 from pcnclaws.data.segments import SegmentPlan
 from pcnclaws.errors import SimulationDiverged, UserError
+from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity
-from pcnclaws.laws.materials import MATERIALS, Laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.tensor_types import Matrices, Parameters

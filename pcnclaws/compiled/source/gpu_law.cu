@@ -1,23 +1,22 @@
-// The kernels of one law on a GPU, a thread for every particle. Given by macros: NUMBER, the type of the state; LAW, the
-// ROWS of its parameters, and UNITS_0 to UNITS_3 of its network's layers, 0 without a network; STAGED where its weights fit
-// into the memory that the threads of a block share.
+// The kernels of one law, law.hpp, on a GPU, a thread for every particle. Given by macros: NUMBER, the type of the state;
+// UNITS_0 to UNITS_3 of its network's layers, 0 without a network; STAGED where its weights fit into the memory that the
+// threads of a block share.
 #include "law_block.hpp"
 #include "thread_network.hpp"
 #include "threads.hpp"
 
 using namespace pcnclaws;
 using T = NUMBER;
-static_assert(LAW::FEATURES ? LAW::PARAMETERS <= ROWS && ROWS <= MOST_ROWS : ROWS == LAW::PARAMETERS,
-              "the rows of parameters must fit the law");
-constexpr int INPUTS = LAW::FEATURES ? LAW::FEATURES + ROWS - LAW::PARAMETERS : 0;
-static_assert(UNITS_0 == INPUTS && UNITS_3 == LAW::OUTPUTS, "the network must fit the law");
+constexpr int INPUTS = Law::FEATURES ? Law::FEATURES + PARAMETER_ROWS - Law::PARAMETERS : 0;
+static_assert(UNITS_0 == INPUTS && UNITS_3 == Law::OUTPUTS, "the network must fit the law");
+static_assert(Law::FEATURES == 0 || LAYERS == 3, "a thread's network has two hidden layers");
 // an array has at least one number
 using Network =
     ThreadNetwork<T, std::max(UNITS_0, 1), std::max(UNITS_1, 1), std::max(UNITS_2, 1), std::max(UNITS_3, 1)>;
 #if defined(STAGED) && !defined(__CUDACC_RTC__)
 alignas(32) double shared_memory[(Network::Given::TOTAL * sizeof(T) + 7) / 8];
 #endif
-using Block = LawBlock<T, LAW, Network>;
+using Block = LawBlock<T, Law, Network>;
 
 KERNEL(law_forward)
 (int64_t particles, const T* deformation, const T* parameters, Weights<T> weights, T* result) {
@@ -25,7 +24,7 @@ KERNEL(law_forward)
     const Network::Given given(weights);
     given.fetch();
     if (p >= particles) return;
-    const LawInput<T> in{particles, deformation, parameters, ROWS, nullptr};
+    const LawInput<T> in{particles, deformation, parameters, PARAMETER_ROWS, nullptr};
     const NetworkMemory<T> none{};
     Network network(given, none, p);
     Block block(in, &network);
@@ -47,7 +46,7 @@ KERNEL(law_adjoint)
         if (p < memory.stride) network.clear();
         return;
     }
-    const LawInput<T> in{particles, deformation, parameters, ROWS, nullptr};
+    const LawInput<T> in{particles, deformation, parameters, PARAMETER_ROWS, nullptr};
     Block block(in, &network);
     typename Block::Adjoint adjoint;
     block.template enter<true>(p, p + 1);

@@ -4,8 +4,8 @@
 // With b = F F^T = Q diag(b) Q^T a law is Y(b) = Q diag(y) Q^T. Its derivative in principal axes is that of y on the
 // diagonal and a divided difference of y off it.
 #pragma once
+#include "law.hpp"
 #include "law_input.hpp"
-#include "laws.hpp"
 #include "spectral.hpp"
 
 namespace pcnclaws {
@@ -30,7 +30,7 @@ template <class T, class Law, class Network> struct LawBlock {
     int64_t begin = 0, end = 0;
     V f[GROUPS][3][3] = {};
     Principal principal[GROUPS];
-    V p[GROUPS][MOST_ROWS];
+    V p[GROUPS][PARAMETER_ROWS + 1];
     V x[GROUPS][Law::FEATURES + 1];
 
     LawBlock(const LawInput<T>& input, Network* block) : in(input), network(block) {}
@@ -44,7 +44,7 @@ template <class T, class Law, class Network> struct LawBlock {
         for (int group = 0; group < groups(); group++) {
             const int64_t at = begin + group * L;
             for (int k = 0; k < 9; k++) f[group][k / 3][k % 3] = load(in.deformation + k * in.particles, at, end);
-            for (int k = 0; k < in.rows; k++) p[group][k] = load(in.parameters + k * in.particles, at, end);
+            for (int k = 0; k < PARAMETER_ROWS; k++) p[group][k] = load(in.parameters + k * in.particles, at, end);
         }
         Mask left[GROUPS];
         for (int group = 0; group < groups(); group += TOGETHER)
@@ -55,7 +55,7 @@ template <class T, class Law, class Network> struct LawBlock {
             for (int group = 0; group < groups(); group++) {
                 Law::features(principal[group].strain, x[group]);
                 for (int k = 0; k < Law::FEATURES; k++) network->put(network->unit, 0, group * L, k, x[group][k]);
-                for (int k = Law::PARAMETERS; k < in.rows; k++)
+                for (int k = Law::PARAMETERS; k < PARAMETER_ROWS; k++)
                     network->put(network->unit, 0, group * L, k - Law::PARAMETERS + Law::FEATURES, p[group][k]);
             }
             network->template forward<SLOPE>();
@@ -188,7 +188,7 @@ template <class T, class Law, class Network> struct LawBlock {
             tape.sweep();
             for (int i = 0; i < 3; i++) a.strain[i] += entries.gradient[i];
             if (parameter_gradient)
-                for (int k = Law::PARAMETERS; k < in.rows; k++)
+                for (int k = Law::PARAMETERS; k < PARAMETER_ROWS; k++)
                     store(parameter_gradient + k * in.particles, begin + group * L, end,
                           network->get(network->gradient, 0, group * L, k - Law::PARAMETERS + Law::FEATURES));
         }
@@ -241,7 +241,7 @@ template <class T, class Law, class Network> struct LawBlock {
                 r.x[k] = features[k].rate[0];
                 network->put(network->gradient, 0, group * L, k, r.x[k]);
             }
-            for (int k = Law::PARAMETERS; k < in.rows; k++)
+            for (int k = Law::PARAMETERS; k < PARAMETER_ROWS; k++)
                 network->put(network->gradient, 0, group * L, k - Law::PARAMETERS + Law::FEATURES,
                              load(parameter_rate + k * in.particles, at, end));
         }

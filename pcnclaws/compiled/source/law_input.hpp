@@ -4,8 +4,8 @@
 
 namespace pcnclaws {
 
-constexpr int LAYERS = 3;
-constexpr int MOST_ROWS = 8;  // of per-particle parameters
+constexpr int LAYERS = LAW_LAYERS;
+constexpr int PARAMETER_ROWS = LAW_ROWS;  // of per-particle parameters
 
 // The weights as PyTorch keeps them: w[l] is (sizes[l + 1], sizes[l]), row-major.
 template <class T> struct Weights {

@@ -4,7 +4,7 @@
 
 namespace pcnclaws {
 
-constexpr int MOST_OPERATIONS = 160;  // more than any law has
+constexpr int MOST_OPERATIONS = LAW_OPERATIONS;  // and inputs, of the law
 
 // What is written down. Apart from the number of operations, which a compiler then knows in advance: on a GPU all of it
 // can stay in registers.
