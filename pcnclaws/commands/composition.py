@@ -21,6 +21,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 import pcnclaws
+from pcnclaws.commands.choices import is_choice, offer_choices
 from pcnclaws.commands.folder_names import FolderNames, folder_names
 from pcnclaws.commands.options import check_options, leaves, unknown_option
 from pcnclaws.commands.unused_options import check_unused
@@ -51,6 +52,7 @@ def compose_config(entry: str, overrides: Sequence[str] = ()) -> DictConfig:
     register_resolvers()
     overrides = as_group_choices(overrides)
     try:
+        offer_choices(overrides)
         return checked(entry, _compose(entry, overrides), overrides)
     except CONFIG_ERRORS as error:
         raise explain(entry, overrides, error) from error
@@ -172,12 +174,16 @@ def _defaults(entry: str, overrides: Sequence[str]) -> Mapping[str, Any]:
     chosen = []
     for override in overrides:
         match = GROUP_CHOICE.fullmatch(override)
-        if match and (conf_folder() / match["group"] / f"{match['choice']}.yaml").is_file():
+        if match and _exists(match["group"], match["choice"]):
             chosen.append(override)
     try:
         return _options(entry, tuple(chosen))
     except CONFIG_ERRORS:  # a group that this entry point does not have
         return _options(entry, ())
+
+
+def _exists(group: str, choice: str) -> bool:
+    return is_choice(group, choice) or (conf_folder() / group / f"{choice}.yaml").is_file()
 
 
 @cache

@@ -27,6 +27,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from rich.console import Console
 
+from pcnclaws.commands.choices import offer_choices
 from pcnclaws.commands.composition import (
     CONFIG_ERRORS,
     HYDRA_VERSION_BASE,
@@ -77,6 +78,7 @@ def _run(jobs: "Jobs", arguments: Sequence[str]) -> None:
     try:
         flags, overrides = _split(arguments)
         jobs.overrides = overrides = as_group_choices(overrides)
+        offer_choices(overrides)
         jobs.swept = swept_options(overrides)
         with tempfile.TemporaryDirectory() as sweep_folder:
             _launch(jobs, flags, [*overrides, f"hydra.sweep.dir={sweep_folder}"])

@@ -8,7 +8,8 @@ from pcnclaws.baselines.nclaws import nclaws
 from pcnclaws.baselines.spline import spline
 from pcnclaws.errors import unknown_name
 from pcnclaws.laws.materials import Material
-from pcnclaws.laws.neural import VARIANTS, build_neural_laws
+from pcnclaws.laws.neural import build_neural_laws
+from pcnclaws.laws.registry import NETWORKS
 from pcnclaws.simulation.motion import Model
 
 Fields = Mapping[str, object]
@@ -27,8 +28,7 @@ class _Baseline:
         return self.build(material, fields)
 
 
-MODELS: Mapping[str, Callable[[Material, Fields], Model]] = {
-    **dict.fromkeys(VARIANTS, build_neural_laws),
+BASELINES: Mapping[str, Callable[[Material, Fields], Model]] = {
     "nclaws": _Baseline(lambda material, _: nclaws(material)),
     "spline": _Baseline(spline, "knots", "reach"),
     "gns": _Baseline(gns, "width", "message_passing_steps", "radius"),
@@ -41,7 +41,9 @@ def build_model(material: Material, model: Fields) -> Model:
 
     raises  UserError for an unknown name, an unknown field or a value that is not accepted
     """
-    name = model.get("name")
-    if name not in MODELS:
-        raise unknown_name("model.name", name, MODELS)
-    return MODELS[str(name)](material, model)
+    name = str(model.get("name"))
+    if name in NETWORKS:
+        return build_neural_laws(material, model)
+    if name not in BASELINES:
+        raise unknown_name("model.name", name, (*NETWORKS, *BASELINES))
+    return BASELINES[name](material, model)

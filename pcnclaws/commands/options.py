@@ -16,6 +16,7 @@ FREE_LISTS = "problem."
 # Options that say where and how fast, not what: they may differ between a run and its continuation, and name no folder.
 FREE_OPTIONS = (
     "overwrite",
+    "plugins",
     "output",
     "paths",
     "name",

@@ -60,7 +60,7 @@ def load_run(folder: str | Path, option: str = "law") -> LoadedRun:
     config = read_config(folder)
     if not isinstance(config.get("material"), dict) or not isinstance(config.get("model"), dict):
         raise UserError(f"{option}={folder}: {CONFIG} names no material or no model")
-    material = material_named(str(config["material"].get("name")), f"{option}={folder}: material")
+    material = _material_of(config, f"{option}={folder}")
     weights, notes = read_weights(folder / WEIGHTS)
     try:
         model = build_model(material, config["model"])
@@ -71,6 +71,19 @@ def load_run(folder: str | Path, option: str = "law") -> LoadedRun:
         if part is not None:
             part.requires_grad_(False)
     return LoadedRun(material, model, config, _ranges(notes, material))
+
+
+def _material_of(config: Mapping[str, Any], where: str) -> Material:
+    """The material of a run. What a plugin registers is known only where the user names the plugin."""
+    try:
+        return material_named(str(config["material"].get("name")), f"{where}: material")
+    except UserError as fault:
+        if not config.get("plugins"):
+            raise
+        modules = ",".join(map(str, config["plugins"]))
+        raise UserError(
+            f"{fault}; the run was made with plugins=[{modules}], which this command was not given"
+        ) from fault
 
 
 def laws_for(law: str, material: Material, parameters: Iterable[Mapping[str, float]] = ()) -> Laws:

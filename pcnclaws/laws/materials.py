@@ -1,7 +1,6 @@
 """Materials: each is one object with its laws, the ranges of its parameters in training data and its reference objects.
 
-The only table from names to classes of laws; whatever a file names is looked up here and nowhere else. Nothing here
-loads PyTorch: the classes of the built-in materials are imported when somebody asks for them.
+Nothing here loads PyTorch: the classes of the built-in materials are imported when somebody asks for them.
 """
 
 import importlib
@@ -9,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pcnclaws.errors import UserError, unknown_name
-from pcnclaws.laws.parameters import PARAMETERS, Parameter
+from pcnclaws.errors import unknown_name
+from pcnclaws.laws.parameters import Parameter
 
 OTHER_COLOUR = (0.62, 0.66, 0.70)
 
@@ -49,12 +48,12 @@ class Material:
     @property
     def elasticity(self) -> Any:
         """The class of the elastic law."""
-        return _resolved(self.elastic)
+        return resolved(self.elastic)
 
     @property
     def plasticity(self) -> Any:
         """The class of the plastic law, None for a purely elastic material."""
-        return _resolved(self.plastic)
+        return resolved(self.plastic)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -72,32 +71,6 @@ class Material:
         return tuple(dict.fromkeys(parameter for law in laws for parameter in law.physical_parameters))
 
 
-def register(material: Material) -> Material:
-    """Makes a material, with its parameters, known by its name.
-
-    raises  UserError where the name or that of a parameter is taken by something else, and where ranges do not fit
-    """
-    if MATERIALS.get(material.name, material) != material:
-        raise UserError(f"material '{material.name}' is there already; accepted: another name")
-    own = {parameter.name: parameter for parameter in material.physical_parameters}
-    for name, parameter in own.items():
-        if PARAMETERS.get(name, parameter) != parameter:
-            raise UserError(f"parameter '{name}' is there already, with another meaning; accepted: another name")
-        if name not in material.ranges:
-            raise UserError(f"material '{material.name}': ranges.{name} is missing; accepted: two numbers, increasing")
-    for name, (low, high) in material.ranges.items():
-        if name not in own:
-            raise unknown_name(f"material '{material.name}': ranges", name, own)
-        if not (own[name].accepts(low) and own[name].accepts(high) and low < high):
-            raise UserError(
-                f"material '{material.name}': ranges.{name}={(low, high)} is not accepted; accepted: two numbers, "
-                f"increasing, each {own[name].accepted}"
-            )
-    PARAMETERS.update(own)
-    MATERIALS[material.name] = material
-    return material
-
-
 def material_named(name: str, option: str = "material") -> Material:
     """The material of that name; UserError with the nearest known name otherwise."""
     if name not in MATERIALS:
@@ -105,7 +78,8 @@ def material_named(name: str, option: str = "material") -> Material:
     return MATERIALS[name]
 
 
-def _resolved(law: Any) -> Any:
+def resolved(law: Any) -> Any:
+    """The class of a law, imported where only its place, 'module:class', is known."""
     if not isinstance(law, str):
         return law
     module, _, name = law.partition(":")

@@ -9,8 +9,9 @@ from pcnclaws.errors import UserError
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.elasticity import StVKHencky
 from pcnclaws.laws.materials import MATERIALS
-from pcnclaws.laws.neural import VARIANTS, build_neural_laws
+from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.laws.neural_free_flow import FreeFlowPlasticNet
+from pcnclaws.laws.registry import NETWORKS
 from pcnclaws.linalg3 import deviator, hencky_strain, identity_like, matmul, safe_norm, transpose
 
 pytestmark = pytest.mark.usefixtures("each_backend")
@@ -124,7 +125,7 @@ def test_the_laws_of_the_paper_are_objective_and_differentiable_at_rest(material
     assert torch.isfinite(gradient).all()
 
 
-@pytest.mark.parametrize("name", list(VARIANTS))
+@pytest.mark.parametrize("name", list(NETWORKS))
 def test_an_elastic_material_has_no_plastic_network(name: str) -> None:
     assert build_neural_laws(MATERIALS["elasticity"], {"name": name}).plasticity is None
 

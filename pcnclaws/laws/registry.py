@@ -1,0 +1,102 @@
+"""What is known by name: materials and networks, ours and those that a program or a plugin registers.
+
+The only tables from names to classes of laws; whatever a file names is looked up here and nowhere else. Nothing here
+loads PyTorch: the classes of the built-in ones are imported when somebody asks for them.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.laws.materials import MATERIALS, Material, resolved
+from pcnclaws.laws.parameters import PARAMETERS
+
+
+@dataclass(frozen=True)
+class Network:
+    """A kind of neural laws.
+
+    elastic  class of the elastic law, made with a material and a width, or where it is, as 'module:class'
+    plastic  the same of the plastic law, for materials that have one
+    width    of the hidden layers, where nobody says another one
+    """
+
+    name: str
+    elastic: Any
+    plastic: Any
+    width: int = 64
+
+    @property
+    def elasticity(self) -> Any:
+        """The class of the elastic law."""
+        return resolved(self.elastic)
+
+    @property
+    def plasticity(self) -> Any:
+        """The class of the plastic law."""
+        return resolved(self.plastic)
+
+
+NETWORKS: dict[str, Network] = {
+    network.name: network
+    for network in (
+        Network("pcnclaws", "pcnclaws.laws.neural_default:ElasticNet", "pcnclaws.laws.neural_default:PlasticNet"),
+        Network(
+            "pcnclaws_free_flow",
+            "pcnclaws.laws.neural_default:ElasticNet",
+            "pcnclaws.laws.neural_free_flow:FreeFlowPlasticNet",
+        ),
+        Network(
+            "pcnclaws_no_prior",
+            "pcnclaws.laws.neural_no_prior:NoPriorElasticNet",
+            "pcnclaws.laws.neural_no_prior:NoPriorPlasticNet",
+        ),
+        Network(
+            "pcnclaws_paper",
+            "pcnclaws.laws.neural_paper:PaperElasticNet",
+            "pcnclaws.laws.neural_paper:PaperPlasticNet",
+        ),
+    )
+}
+
+
+def register(thing: Material | Network) -> None:
+    """Makes a material, with its laws and parameters, or a network known by its name.
+
+    raises  UserError where the name, or that of a parameter, is taken by something else, and where ranges do not fit
+    """
+    if isinstance(thing, Network):
+        _require_free("network", thing.name, thing, NETWORKS)
+        NETWORKS[thing.name] = thing
+        return
+    if not isinstance(thing, Material):
+        raise UserError(f"register got {thing!r}; accepted: a Material or a Network")
+    _require_free("material", thing.name, thing, MATERIALS)
+    own = {parameter.name: parameter for parameter in thing.physical_parameters}
+    for name, parameter in own.items():
+        _require_free("parameter", name, parameter, PARAMETERS)
+    _check_ranges(thing)
+    PARAMETERS.update(own)
+    MATERIALS[thing.name] = thing
+
+
+def _require_free(kind: str, name: str, thing: object, table: dict[str, Any]) -> None:
+    if table.get(name, thing) != thing:
+        raise UserError(f"{kind} '{name}' is there already, and another one; accepted: another name")
+
+
+def _check_ranges(material: Material) -> None:
+    own = {parameter.name: parameter for parameter in material.physical_parameters}
+    for name in own:
+        if name not in material.ranges:
+            raise UserError(
+                f"material '{material.name}': ranges['{name}'] is missing; accepted: two numbers, increasing"
+            )
+    for name, (low, high) in material.ranges.items():
+        if name not in own:
+            raise unknown_name(f"material '{material.name}': ranges", name, own)
+        if not (own[name].accepts(low) and own[name].accepts(high) and low < high):
+            raise UserError(
+                f"material '{material.name}': ranges['{name}']={(low, high)} is not accepted; accepted: two numbers, "
+                f"increasing, each {own[name].accepted}"
+            )
