@@ -15,10 +15,11 @@ from pcnclaws.laws.materials import material_named
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
+from pcnclaws.simulation.batch import SceneBatch, batch_scenes
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.rollout import differentiable_rollout, state_after
-from pcnclaws.simulation.scenes import SceneBatch, SceneStart, batch_scenes, simulator_of
-from pcnclaws.simulation.simulator import Simulator
+from pcnclaws.simulation.scenes import SceneStart
+from pcnclaws.simulation.simulator import Simulator, simulator_of
 
 PAPER = SimulationSettings()
 NEURAL_MODEL = {"name": "pcnclaws", "width": 64}
@@ -72,7 +73,15 @@ class Case:
             velocity = spin_velocity(body.position, body.velocity + drift, random.uniform(-3.0, 3.0, 3).tolist())
             name = f"{self.material}-{number}"
             starts.append(
-                SceneStart(name, material.name, self.settings, material.defaults, body.position, velocity, body.volume)
+                SceneStart(
+                    name,
+                    material.name,
+                    self.settings,
+                    material.defaults,
+                    position=body.position,
+                    velocity=velocity,
+                    volume=body.volume,
+                )
             )
         return starts
 
@@ -104,9 +113,8 @@ class Prepared:
             weights = [parameters["youngs_modulus"]]
 
         def work() -> tuple[Tensor, ...]:
-            positions = differentiable_rollout(
-                self.simulator, *self.batch[:2], parameters, steps, frame_every(steps), skips=NO_FALL
-            )
+            batch = self.batch._replace(parameters=parameters)
+            positions = differentiable_rollout(self.simulator, batch, steps, frame_every(steps), skips=NO_FALL)
             return torch.autograd.grad((positions - target).square().mean(), weights, materialize_grads=True)
 
         return work
@@ -114,7 +122,8 @@ class Prepared:
     @torch.no_grad()
     def _stiffer_positions(self, steps: int) -> Tensor:
         parameters = self.batch.parameters | {"youngs_modulus": STIFFER * self.batch.parameters["youngs_modulus"]}
-        return differentiable_rollout(self._analytic(), *self.batch[:2], parameters, steps, frame_every(steps))
+        batch = self.batch._replace(parameters=parameters)
+        return differentiable_rollout(self._analytic(), batch, steps, frame_every(steps))
 
     def _analytic(self) -> Simulator:
         simulator = simulator_of(analytic_laws(material_named(self.case.material)), self.case.settings)
@@ -137,4 +146,4 @@ def frame_every(steps: int) -> int:
 
 def _after(simulator: Simulator, batch: SceneBatch, steps: int) -> ParticleState:
     """The state `steps` steps later."""
-    return state_after(simulator, *batch[:3], steps)
+    return state_after(simulator, batch, steps)

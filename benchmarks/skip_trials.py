@@ -12,9 +12,14 @@ from benchmarks.cases import PAPER, Case, frame_every, laws_of
 from pcnclaws.geometry.shapes import particles
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.materials import material_named
+from pcnclaws.simulation.batch import batch_scenes
+from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.rollout import differentiable_rollout
-from pcnclaws.simulation.scenes import SceneStart, batch_scenes, simulate_records, simulator_of
+from pcnclaws.simulation.scenes import SceneStart
+from pcnclaws.simulation.simulator import simulator_of
 
 # A body that meets the floor is strained after two.
 FEWEST_STEPS = 3
@@ -56,7 +61,8 @@ def run_trial(name: str, skips: Skips, edge: int, steps: int, device: torch.devi
     starts, laws = trial.starts(edge) if trial.starts else case.starts(), laws_of(case)
     if name == "weight_gradients":
         return _gradient_of_stiffness(starts, laws, steps, skips, device)
-    records = simulate_records(starts, laws, steps, min(trial.every, steps), device=device, skips=skips)
+    plan, execution = FramePlan(steps, min(trial.every, steps)), Execution(device=device, skips=skips)
+    records = simulate_records(starts, laws, plan, execution)
     return np.concatenate([record.position for record in records], axis=1)
 
 
@@ -77,8 +83,7 @@ def _gradient_of_stiffness(
     batch = batch_scenes(starts, device=device)
     simulator = simulator_of(laws, starts[0].settings, skips).to(device).requires_grad_(False)
     stiffness = batch.parameters["youngs_modulus"].requires_grad_()
-    fields = (batch.state, batch.scenes, batch.parameters)
-    positions = differentiable_rollout(simulator, *fields, steps, frame_every(steps), skips=skips)
+    positions = differentiable_rollout(simulator, batch, steps, frame_every(steps), skips=skips)
     (gradient,) = torch.autograd.grad((positions - batch.state.position).square().mean(), stiffness)
     return gradient.cpu().numpy()
 

@@ -21,7 +21,9 @@ from pcnclaws.laws.materials import material_named
 from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
-from pcnclaws.simulation.scenes import SceneBatch, SceneStart, batch_scenes, simulator_of
+from pcnclaws.simulation.batch import SceneBatch, batch_scenes
+from pcnclaws.simulation.scenes import SceneStart
+from pcnclaws.simulation.simulator import simulator_of
 from pcnclaws.simulation.time_step import largest_speed, scene_cfl
 
 NODES, WALL_CELLS = 20, 2

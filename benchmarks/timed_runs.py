@@ -16,10 +16,12 @@ from pcnclaws.compiled.backend import using_backend
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
+from pcnclaws.simulation.batch import SceneBatch, batch_scenes
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.recording import FramePlan, Trajectory
 from pcnclaws.simulation.rollout import simulate_scenes
-from pcnclaws.simulation.scenes import SceneBatch, SceneStart, batch_scenes, simulator_of
+from pcnclaws.simulation.scenes import SceneStart
+from pcnclaws.simulation.simulator import simulator_of
 
 PAPER = SimulationSettings()
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
@@ -112,7 +114,7 @@ def timed_run(scenario: Scenario, laws: Laws, resolution: Resolution, device: to
     steps = every * scenario.frames
 
     def run(plan: FramePlan) -> Trajectory:
-        return simulate_scenes(simulator, batch.state, batch.scenes, batch.parameters, plan, batch.names, skips=skips)
+        return simulate_scenes(simulator, batch, plan, skips)
 
     with using_backend(resolution.backend):
         run(FramePlan(1))  # compiles, starts threads

@@ -24,8 +24,10 @@ from pcnclaws.geometry.shapes import particles
 from pcnclaws.laws.analytic import Laws, analytic_laws
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.neural import build_neural_laws
+from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import simulate_records
 from pcnclaws.training.module import OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
 from pcnclaws.training.trainer import fit, quiet_lightning
@@ -81,9 +83,9 @@ def _data_plan(options: Mapping[str, Any], seed: int) -> DataSetPlan:
 
 def _data(plan: DataSetPlan, context: BenchmarkContext) -> dict[str, list[SceneRecord]]:
     """The analytic motion of the scenes of all splits."""
-    laws = analytic_laws(plan.material)
+    laws, frames = analytic_laws(plan.material), FramePlan(plan.steps, plan.every, plan.keyframe_every)
     return {
-        split: simulate_records(starts, laws, plan.steps, plan.every, plan.keyframe_every, device=context.device)
+        split: simulate_records(starts, laws, frames, Execution(device=context.device))
         for split, starts in planned_scenes(plan).items()
     }
 
@@ -118,7 +120,7 @@ def _trained(
 def _errors(laws: Laws, records: Sequence[SceneRecord], context: BenchmarkContext) -> dict[str, Any]:
     """Mean MSE [m^2] over the unseen scenes, and of each; None where the law diverges."""
     try:
-        results = evaluate_records(records, laws, device=context.device)
+        results = evaluate_records(records, laws, Execution(device=context.device))
     except SimulationDiverged:
         return {"mse": None, "scenes": []}
     scenes = [{"name": result.name, "mse": result.mse} for result in results]

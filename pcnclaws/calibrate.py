@@ -16,7 +16,9 @@ from pcnclaws.geometry.shapes import spin_velocity
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import Material
 from pcnclaws.provenance import provenance
-from pcnclaws.simulation.scenes import SceneStart, simulate_records
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
+from pcnclaws.simulation.scenes import SceneStart
 
 # With it, the draws are apart from those of data sets.
 STREAM = 9
@@ -38,7 +40,7 @@ def calibrate(config: DictConfig) -> None:
     before = known_law_error(folder) if (folder / CALIBRATION).is_file() else None
     starts = calibration_objects(material, whole_number(config, "objects"), whole_number(config, "seed", least=0))
     with progress_bar("estimating", len(starts)) as advance:
-        truth = simulate_records(starts, analytic_laws(material), 500, 5)
+        truth = simulate_records(starts, analytic_laws(material), FramePlan(500, 5))
         values = calibrated_error(material, laws, truth, advance)
     if before is not None:
         values |= {"law_error_before": before, "covered_before": _covered(values["projected"], before)}
@@ -57,7 +59,17 @@ def calibration_objects(material: Material, count: int, seed: int = 0) -> list[S
     for number, (parameters, motion) in enumerate(drawn):
         velocity = spin_velocity(position, plan.body.velocity + motion.velocity, motion.spin.tolist())
         name = f"object-{number:02d}"
-        starts.append(SceneStart(name, material.name, plan.settings, parameters, position, velocity, plan.body.volume))
+        starts.append(
+            SceneStart(
+                name,
+                material.name,
+                plan.settings,
+                parameters,
+                position=position,
+                velocity=velocity,
+                volume=plan.body.volume,
+            )
+        )
     return starts
 
 

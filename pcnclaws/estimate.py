@@ -3,6 +3,7 @@
 import shutil
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,13 +15,18 @@ from rich.console import Console
 from pcnclaws.atomic import replaced_file
 from pcnclaws.commands import launcher
 from pcnclaws.commands.configuration import (
+    execution_from,
     material_from,
     observation_from,
-    precision_from,
-    skips_from,
     use_processor,
 )
-from pcnclaws.commands.estimation_report import leave_estimation_pictures, result_table, result_values, verdicts
+from pcnclaws.commands.estimation_report import (
+    Findings,
+    leave_estimation_pictures,
+    result_table,
+    result_values,
+    verdicts,
+)
 from pcnclaws.commands.estimation_setup import estimator_from, guess_from, noise_from, start_from_guess, unknowns_from
 from pcnclaws.commands.outputs import RESULT, output_file
 from pcnclaws.commands.runs import law_folder, laws_for, load_run, outside_training_data
@@ -28,19 +34,20 @@ from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.locks import written_alone
 from pcnclaws.data.observation_files import stored_truth
 from pcnclaws.errors import UserError
-from pcnclaws.estimation.goodness_of_fit import Fit, fit_of
+from pcnclaws.estimation.goodness_of_fit import fit_of
 from pcnclaws.estimation.inverse import InverseModule
 from pcnclaws.estimation.inverse_search import fit_inverse
 from pcnclaws.estimation.law_error import known_law_error
 from pcnclaws.estimation.problem import EstimationProblem
-from pcnclaws.estimation.uncertainty import Uncertainty, uncertainty
+from pcnclaws.estimation.uncertainty import uncertainty
 from pcnclaws.estimation.unknowns import Unknowns
 from pcnclaws.evaluation.report import write_metrics
-from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.materials import Material
 from pcnclaws.provenance import provenance
+from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.particle_spacing import warn_of_sparse_particles
-from pcnclaws.simulation.scenes import simulate_records
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.training.trainer import quiet_lightning
 
 PLAIN_WIDTH = 120
@@ -71,7 +78,7 @@ def _estimate(config: DictConfig, output: Path) -> Mapping[str, float | None]:
     noise = noise_from(config)
     unknowns = unknowns_from(config, material, observation)
     laws, law_error = laws_for(str(config.law), material), known_law_error(law_folder(str(config.law), material))
-    problem = EstimationProblem(laws, observation, unknowns, precision_from(config), skips_from(config))
+    problem = EstimationProblem(laws, observation, unknowns, execution_from(config))
 
     guess = guess_from(config, material, problem)
     warn_of_sparse_particles([problem.start(guess)])
@@ -83,9 +90,8 @@ def _estimate(config: DictConfig, output: Path) -> Mapping[str, float | None]:
 
     truth = stored_truth(observation, material.parameter_names)
     title = f"{material.name}, law {config.law}, {observation.name}: {observation.seen.sum()} positions"
-    guessed = unknowns.values(guess).tolist()
-    fixed = {name: float(values[0]) for name, values in unknowns.fixed.items()}
-    console.print(result_table(title, guessed, found, fit, truth, fixed))
+    findings = Findings(title, unknowns, unknowns.values(guess).tolist(), found=found, fit=fit, truth=truth)
+    console.print(result_table(findings))
     for line in [*verdicts(found, fit), *_outside(config, material, unknowns, module)]:
         console.print(line, markup=False)
     mse = module.linearisation().mse
@@ -94,14 +100,14 @@ def _estimate(config: DictConfig, output: Path) -> Mapping[str, float | None]:
         "law": str(config.law),
         "observation": str(config.observation.file),
         "estimator": estimator.name,
-        **result_values(unknowns, guessed, found, fit, truth),
+        **result_values(findings),
         "mse": mse,
         "iterations": module.iterations,
         "history": [{"values": list(numbers), "mse": error} for numbers, error in module.history],
         "seconds": round(time.monotonic() - started, 1),
         "provenance": provenance(config.seed) | {"precision": config.precision},
     }
-    for path in _extras(config, output, title, module, found, fit, laws):
+    for path in _extras(config, output, module, findings):
         console.print(f"wrote {path}")
     write_metrics(output, values)
     shutil.rmtree(folder / "checkpoints", ignore_errors=True)
@@ -144,32 +150,28 @@ def _outside(config: DictConfig, material: Material, unknowns: Unknowns, module:
     return [f"law={config.law}: {warning}; the interval knows nothing of the law's error there"] if warning else []
 
 
-def _extras(
-    config: DictConfig, output: Path, title: str, module: InverseModule, found: Uncertainty, fit: Fit, laws: Laws
-) -> list[Path]:
+def _extras(config: DictConfig, output: Path, module: InverseModule, findings: Findings) -> list[Path]:
     """Pictures and the simulated trajectory, as far as they are asked for."""
     observation, problem, u = module.problem.observation, module.problem, module.u
     stem = output.with_suffix("") if output.suffix else output
     written = []
     if config.trajectory:
         path = stem.with_name(f"{stem.name}_simulated.h5")
-        _write_trajectory(path, problem, u, laws, precision_from(config))
+        _write_trajectory(path, problem, u)
         written.append(path)
     if config.picture:
-        truth = stored_truth(observation, tuple(unknown.name for unknown in problem.unknowns.sought))
-        motion = problem.motion(u)
-        written += leave_estimation_pictures(stem, title, observation, motion, module.history, found, fit, truth)
+        sought = tuple(unknown.name for unknown in problem.unknowns.sought)
+        findings = replace(findings, truth=stored_truth(observation, sought))
+        written += leave_estimation_pictures(stem, findings, observation, problem.motion(u), module.history)
     return written
 
 
-def _write_trajectory(path: Path, problem: EstimationProblem, u: np.ndarray, laws: Laws, dtype: Any) -> None:
+def _write_trajectory(path: Path, problem: EstimationProblem, u: np.ndarray) -> None:
     """The body's motion with the estimate, all particles of it."""
     observation = problem.observation
-    start = problem.start(u)
     steps = int(np.ceil(observation.time[-1] / observation.settings.time_step - 1e-6))
-    write_scenes(
-        path, simulate_records([start], laws, max(steps, 1), max(steps // 100, 1), dtype=dtype, velocities=True)
-    )
+    plan = FramePlan(max(steps, 1), max(steps // 100, 1), velocities=True)
+    write_scenes(path, simulate_records([problem.start(u)], problem.laws, plan, Execution(problem.execution.dtype)))
 
 
 def main() -> None:

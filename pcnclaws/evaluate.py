@@ -1,6 +1,7 @@
 """Evaluates a law: python -m pcnclaws.evaluate material=sand law=analytic trajectories=x.h5 output=metrics.json."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,8 @@ from rich.console import Console
 from pcnclaws.commands import launcher
 from pcnclaws.commands.configuration import (
     device_from,
+    execution_from,
     material_from,
-    precision_from,
-    skips_from,
     use_processor,
 )
 from pcnclaws.commands.outputs import RESULT, output_file
@@ -91,9 +91,9 @@ def _on_task(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str
     task = builtin_task(config.task.name, material, _scene(config))
     # that a map goes outside the training data needs no warning
     laws = model_for(str(config.law), material, [] if task.may_diverge else [start.parameters for start in task.starts])
-    device, skips = device_from(config), skips_from(config)
+    execution = execution_from(config)
     with progress_bar("simulating the truth", task.work) as advance:
-        truth = true_records(task, material, device, advance, skips, precision_from(config))
+        truth = true_records(task, material, replace(execution, progress=advance))
     records = [scene for scene in truth if isinstance(scene, SceneRecord)]
     outcomes = [scene for scene in truth if isinstance(scene, DivergedScene)]
     if records:
@@ -102,19 +102,18 @@ def _on_task(config: DictConfig, material: Material) -> tuple[Outcomes, dict[str
     if not config.floor or not records:
         return outcomes, {}
     with progress_bar("simulating the floor", 2 * len(records)) as advance:
-        return outcomes, floor(records, device, advance, skips)
+        return outcomes, floor(records, replace(execution, progress=advance))
 
 
 def _simulated(config: DictConfig, records: list[SceneRecord], laws: Model, may_diverge: bool = False) -> Outcomes:
     """The records beside what the laws make of them. may_diverge: a scene that diverges is a result, too."""
-    options = (laws, precision_from(config), device_from(config))
-    what, skips = f"simulating with law={config.law}", skips_from(config)
+    what, execution = f"simulating with law={config.law}", execution_from(config)
     if may_diverge:
         with progress_bar(what, len(records)) as advance:
-            return survivors(records, lambda some: evaluate_records(some, *options, None, skips), advance)
+            return survivors(records, lambda some: evaluate_records(some, laws, execution), advance)
     try:
         with progress_bar(what, steps_to_run(records)) as advance:
-            return evaluate_records(records, *options, advance, skips)
+            return evaluate_records(records, laws, replace(execution, progress=advance))
     except SimulationDiverged as error:
         failed = next((record for record in records if f"scene '{record.name}'" in str(error)), records[0])
         start, speed = _start_and_speed(failed)

@@ -88,9 +88,9 @@ def _picture(
         record.material,
         record.settings,
         record.parameters,
-        time,
-        position,
-        record.volume[marker],
+        time=time,
+        position=position,
+        volume=record.volume[marker],
     )
     return trajectory_picture(seen, picture_path(output))
 

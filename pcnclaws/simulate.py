@@ -1,16 +1,15 @@
 """Simulates one scene: python -m pcnclaws.simulate material=sand law=analytic output=x.h5."""
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 from omegaconf import DictConfig
 
 from pcnclaws.commands import launcher
 from pcnclaws.commands.configuration import (
-    device_from,
+    execution_from,
     material_from,
-    precision_from,
-    skips_from,
     start_from,
     use_processor,
     whole_number,
@@ -22,8 +21,10 @@ from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.rendering.pictures import picture_path, trajectory_picture
 from pcnclaws.simulation.particle_spacing import particles_a_cell, warn_of_sparse_particles
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import SceneStart, simulate_records
+from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.time_step import check_time_step, divergence_advice, largest_speed
 
 log = logging.getLogger(__name__)
@@ -56,14 +57,11 @@ def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
     if steps % every:
         log.warning("simulation.every=%d: the last %d of %d steps are in no frame", every, steps % every, steps)
     laws = laws_for(str(config.law), material_from(config), [parameters])
-    dtype, device = precision_from(config), device_from(config)
+    plan, execution = FramePlan(steps, every, keyframe_every, velocities=True), execution_from(config)
     warn_of_sparse_particles([start])
     with progress_bar("simulating", steps) as advance:
         try:
-            skips = skips_from(config)
-            return simulate_records(
-                [start], laws, steps, every, keyframe_every, dtype, device, advance, skips, velocities=True
-            )[0]
+            return simulate_records([start], laws, plan, replace(execution, progress=advance))[0]
         except SimulationDiverged as error:
             advice = divergence_advice(error, settings, parameters, speed, start.material)
             raise SimulationDiverged(f"{error}; {advice}") from error

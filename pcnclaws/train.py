@@ -15,9 +15,9 @@ from pcnclaws.baselines.identified import identified_values
 from pcnclaws.commands import launcher
 from pcnclaws.commands.configuration import (
     device_from,
+    execution_from,
     material_from,
     precision_from,
-    skips_from,
     use_processor,
     whole_number,
 )
@@ -77,16 +77,32 @@ def _train(config: DictConfig) -> None:
         console.print(note)
     start_run(folder, plain, config.overwrite)
     untrained, untrained_mse = copy.deepcopy(model), _check_before(config, prepared, console)
-    log_every = whole_number(config, "logger.every")
-    fitted = fit(prepared.module, prepared.data, folder, device_from(config), log_every, console, prepared.clock)
+    fitted = fit(
+        prepared.module,
+        prepared.data,
+        folder,
+        device_from(config),
+        log_every=whole_number(config, "logger.every"),
+        console=console,
+        clock=prepared.clock,
+    )
 
     notes = _notes(config, scenes, fitted)
     write_weights(folder / WEIGHTS, fitted.best.weights, notes)
     set_law_weights(model, fitted.best.weights, str(folder / WEIGHTS))
     notes |= against_untrained(fitted.best.mse, untrained_mse) | {"training_seconds": round(prepared.clock.spent, 1)}
     notes |= {"identified": found} if isinstance(model, Laws) and (found := identified_values(model)) else {}
-    report = Report(folder, scenes, fitted, notes, untrained, model, started, skips_from(config))
-    write_report(report, device_from(config), precision_from(config), config.seed, config.picture, console)
+    report = Report(
+        folder,
+        scenes,
+        fitted,
+        notes,
+        untrained=untrained,
+        trained=model,
+        started=started,
+        execution=execution_from(config),
+    )
+    write_report(report, config.seed, config.picture, console)
     options = {option: value for option, value in leaves(config) if not is_free(option)}
     log_hyperparameters(folder, options, run_errors(folder))
 

@@ -1,7 +1,6 @@
 """Bodies of 27 particles in a coarse grid, for tests of what a scene does not need."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -12,23 +11,19 @@ from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.recording import FramePlan, Trajectory
 from pcnclaws.simulation.rollout import simulate_scenes
-from pcnclaws.simulation.scenes import simulator_of
-from pcnclaws.simulation.simulator import Simulator
+from pcnclaws.simulation.simulator import Simulator, simulator_of
 
 SETTINGS = SimulationSettings(time_step=1e-3, grid_nodes=12)
 PARTICLES, SIDE = 27, 0.2
 ON, OFF = Skips(), Skips.none()
 
 
-class Bodies(NamedTuple):
-    """A batch with the parameters of its material."""
-
-    state: ParticleState
-    scenes: Scenes
-    parameters: dict[str, torch.Tensor]
+# A batch with the parameters of its material.
+Bodies = SceneBatch
 
 
 def body(centre: tuple[float, float, float], velocity: Sequence[float] | np.ndarray) -> ParticleState:
@@ -75,7 +70,7 @@ def simulator(laws: Laws, settings: SimulationSettings = SETTINGS) -> Simulator:
 
 
 def run(simulator: Simulator, bodies: Bodies, plan: FramePlan, skips: Skips = ON) -> Trajectory:
-    return simulate_scenes(simulator, *bodies, plan, skips=skips)
+    return simulate_scenes(simulator, bodies, plan, skips)
 
 
 def same(a: Trajectory, b: Trajectory, tolerance: float) -> bool:

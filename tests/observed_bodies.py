@@ -14,7 +14,10 @@ from pcnclaws.estimation.problem import EstimationProblem, Linearisation
 from pcnclaws.estimation.unknowns import Unknowns, components_of, make_unknowns
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
-from pcnclaws.simulation.scenes import SceneStart, simulate_records
+from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
+from pcnclaws.simulation.scenes import SceneStart
 
 TRUTH = {
     "elasticity": {"youngs_modulus": 1e5, "poissons_ratio": 0.25},
@@ -29,7 +32,7 @@ def start(material: str, velocity: tuple[float, float, float] = (0.5, -2.0, 0.0)
 
 def observed(scene: SceneStart, steps: int = 120, every: int = 10, dtype: torch.dtype = torch.float32) -> Observation:
     laws = analytic_laws(MATERIALS[scene.material])
-    return from_record(simulate_records([scene], laws, steps, every, dtype=dtype)[0])
+    return from_record(simulate_records([scene], laws, FramePlan(steps, every), Execution(dtype))[0])
 
 
 def unknowns_of(
@@ -42,14 +45,14 @@ def unknowns_of(
     parts = components_of(vary, observation.position, observation.spacing)
     bodies = parts if vary == "bodies" else components_of("uniform", observation.position, observation.spacing)
     names = MATERIALS[observation.material].parameter_names
-    return make_unknowns(names, fixed or {}, parts, bodies, motion, time_offset)
+    return make_unknowns(names, fixed or {}, parts, bodies, motion=motion, time_offset=time_offset)
 
 
 def problem_of(
     observation: Observation, unknowns: Unknowns | None = None, dtype: torch.dtype = torch.float32
 ) -> EstimationProblem:
     laws = analytic_laws(MATERIALS[observation.material])
-    return EstimationProblem(laws, observation, unknowns or unknowns_of(observation), dtype)
+    return EstimationProblem(laws, observation, unknowns or unknowns_of(observation), Execution(dtype))
 
 
 def solved(

@@ -9,8 +9,11 @@ from pcnclaws.laws.analytic import Laws, analytic_laws
 from pcnclaws.laws.elasticity import StVKHencky
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import SceneStart, simulate_records
+from pcnclaws.simulation.scenes import SceneStart
 
 SAND = {"youngs_modulus": 3e5, "poissons_ratio": 0.2, "friction_angle": 30.0}
 ELASTIC = {"youngs_modulus": 1e5, "poissons_ratio": 0.3}
@@ -42,7 +45,7 @@ def recorded(
 ) -> list[SceneRecord]:
     """The true motion of the scenes."""
     laws = analytic_laws(MATERIALS[starts[0].material])
-    return simulate_records(starts, laws, steps, every, keyframe_every, dtype)
+    return simulate_records(starts, laws, FramePlan(steps, every, keyframe_every), Execution(dtype))
 
 
 class SofterHencky(StVKHencky):

@@ -13,8 +13,9 @@ from pcnclaws.estimate import estimate
 from pcnclaws.estimation.inverse import InverseModule
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import simulate_records
 
 # PyTorch warns of its own use of torch.jit when it loads forward mode
 pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")
@@ -22,7 +23,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated
 
 @pytest.fixture(scope="module")
 def record() -> SceneRecord:
-    return simulate_records([start("elasticity")], analytic_laws(MATERIALS["elasticity"]), 100, 5)[0]
+    return simulate_records([start("elasticity")], analytic_laws(MATERIALS["elasticity"]), FramePlan(100, 5))[0]
 
 
 @pytest.fixture
@@ -149,7 +150,9 @@ def test_a_motion_that_is_not_fitted_has_a_verdict_and_no_interval(estimated, re
 
 def test_free_flight_gives_no_number(estimated, tmp_path: Path) -> None:
     rising = start("elasticity", velocity=(0.0, 2.0, 0.0))
-    write_scenes(tmp_path / "x.h5", simulate_records([rising], analytic_laws(MATERIALS["elasticity"]), 40, 5))
+    write_scenes(
+        tmp_path / "x.h5", simulate_records([rising], analytic_laws(MATERIALS["elasticity"]), FramePlan(40, 5))
+    )
     outcome = estimated()
     assert outcome.status == 0, outcome.err
     found = json.loads((tmp_path / "new" / "e.json").read_text())
@@ -199,7 +202,7 @@ def test_two_bodies_of_different_stiffness_are_told_at_once(estimated, tmp_path)
         volume=np.tile(one.volume, 2),
         varying={"youngs_modulus": np.repeat((1e5, 1.5e5), len(one.position))},
     )
-    recorded = simulate_records([both], analytic_laws(MATERIALS["elasticity"]), 100, 5)
+    recorded = simulate_records([both], analytic_laws(MATERIALS["elasticity"]), FramePlan(100, 5))
     assert set(recorded[0].parameters) == {"poissons_ratio"}  # a record has one value of each
     write_scenes(tmp_path / "x.h5", recorded)
     outcome = estimated("vary=bodies", "initial_guess.youngs_modulus=8e4")

@@ -13,14 +13,15 @@ from pcnclaws.geometry.shapes import PointCloud, particles
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.observe import observe
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import simulate_records
 
 
 @pytest.fixture(scope="module")
 def record() -> SceneRecord:
     start = small_cube("elasticity", "elasticity", (0.5, -2.0, 0.0))
-    return simulate_records([start], analytic_laws(MATERIALS["elasticity"]), 40, 2)[0]
+    return simulate_records([start], analytic_laws(MATERIALS["elasticity"]), FramePlan(40, 2))[0]
 
 
 @pytest.fixture

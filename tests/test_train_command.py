@@ -26,7 +26,8 @@ from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.elasticity import NeoHookean, StVKHencky
 from pcnclaws.laws.neural import build_neural_laws
-from pcnclaws.simulation.scenes import simulate_records
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.train import train
 from pcnclaws.training.checkpoints import LAST, PREVIOUS, newest_checkpoint
 from pcnclaws.training.weights import law_weights, read_weights
@@ -138,7 +139,9 @@ def test_wrong_input_is_one_line_and_leaves_nothing(
     write_scenes(tmp_path / "no_nu.h5", [replace(record, parameters={"youngs_modulus": 2e4})])
     write_scenes(tmp_path / "still.h5", [replace(record, initial_velocity=None, velocity=None, keyframes=None)])
     write_scenes(tmp_path / "ours.h5", [record])
-    falling = simulate_records([lifted(start, 0.15) for start in starts(3)], Laws(NeoHookean(), None), 100, EVERY)
+    falling = simulate_records(
+        [lifted(start, 0.15) for start in starts(3)], Laws(NeoHookean(), None), FramePlan(100, EVERY)
+    )
     write_scenes(tmp_path / "falling.h5", falling)
     unseen = replace(record, position=np.where(np.arange(len(record.time))[:, None, None], np.nan, record.position))
     write_scenes(tmp_path / "unseen.h5", [replace(unseen, velocity=None, keyframes=None)])

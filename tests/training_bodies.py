@@ -11,8 +11,10 @@ from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.elasticity import FixedCorotated
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import SceneStart, simulate_records
+from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.tensor_types import Matrices, Parameters
 
 SETTINGS = SimulationSettings(time_step=1e-3, grid_nodes=12)
@@ -61,7 +63,7 @@ def lifted(start: SceneStart, height: float) -> SceneStart:
 def recorded(count: int, elasticity: Elasticity | None = None, keyframes: bool = True) -> list[SceneRecord]:
     """Recorded motions of these bodies."""
     laws = Laws(elasticity or FixedCorotated(), None)
-    return simulate_records(starts(count), laws, STEPS, EVERY, KEYFRAME_EVERY if keyframes else 0)
+    return simulate_records(starts(count), laws, FramePlan(STEPS, EVERY, KEYFRAME_EVERY if keyframes else 0))
 
 
 def hidden(records: Sequence[SceneRecord], frame: int, particle: int) -> list[SceneRecord]:

@@ -1,7 +1,7 @@
 """GNS, a graph network that simulates: positions of the last frames to positions of the next one."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,9 @@ from pcnclaws.baselines.graphs import graph_of
 from pcnclaws.baselines.windows import FRAMES, WindowDataset, Windows, before_start, recorded_motion
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.laws.materials import Material
+from pcnclaws.simulation.execution import Progress
 from pcnclaws.simulation.motion import MotionModel
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import TIME_TOLERANCE, SceneRecord
 from pcnclaws.simulation.scenes import SceneStart
 
@@ -45,8 +47,9 @@ class GraphNetworkSimulator(MotionModel):
             self.register_buffer(name, torch.ones((), dtype=torch.float64))
 
     def simulate(
-        self, starts: Sequence[SceneStart], steps: int, every: int, progress: Callable[[int], None] | None = None
+        self, starts: Sequence[SceneStart], plan: FramePlan, progress: Progress | None = None
     ) -> list[SceneRecord]:
+        every = plan.every
         own_steps = [self._own_steps(start, every) for start in starts]
         pasts = [
             np.concatenate((before_start(start, self.frame_time.item()), start.position[None])) for start in starts
@@ -54,7 +57,7 @@ class GraphNetworkSimulator(MotionModel):
         histories = [torch.as_tensor(past, dtype=torch.float64, device=self.frame_time.device) for past in pasts]
         frames = [[history[-1]] for history in histories]
         with torch.no_grad():
-            for _ in range(steps // every):
+            for _ in range(plan.steps // every):
                 for k, start in enumerate(starts):
                     for _ in range(own_steps[k]):
                         histories[k] = self._advanced(histories[k], start)
@@ -77,7 +80,7 @@ class GraphNetworkSimulator(MotionModel):
         change = np.concatenate([np.diff(motion.position, n=2, axis=0).ravel() for motion in motions])
         self.velocity_unit.fill_(math.hypot(_root_mean_square(velocity), noise))
         self.change_unit.fill_(math.hypot(_root_mean_square(change), noise))
-        return WindowDataset(motions, count, batch, noise, seed, self.velocity_unit, self.radius)
+        return WindowDataset(motions, count, batch, noise=noise, seed=seed, unit=self.velocity_unit, radius=self.radius)
 
     def loss(self, batch: Windows) -> tuple[Tensor, Tensor]:
         error = self.network(batch.graph) - batch.change / self.change_unit.to(batch.change.dtype)
@@ -134,9 +137,16 @@ def gns(material: Material, fields: Mapping[str, object]) -> GraphNetworkSimulat
 def _record(start: SceneStart, frames: Tensor, every: int) -> SceneRecord:
     position = frames.cpu().numpy()
     time = start.settings.time_step * every * np.arange(len(position))
-    fields = (start.name, start.material, start.settings, start.parameters)
-    bodies = (start.volume.astype(position.dtype), start.velocity.astype(position.dtype))
-    return SceneRecord(*fields, time, position, *bodies)
+    return SceneRecord(
+        start.name,
+        start.material,
+        start.settings,
+        start.parameters,
+        time=time,
+        position=position,
+        volume=start.volume.astype(position.dtype),
+        initial_velocity=start.velocity.astype(position.dtype),
+    )
 
 
 def _root_mean_square(values: np.ndarray) -> float:

@@ -54,6 +54,7 @@ class WindowDataset(Dataset[Windows]):
         motions: Sequence[RecordedMotion],
         count: int,
         batch: int,
+        *,
         noise: float,
         seed: int,
         unit: Tensor,

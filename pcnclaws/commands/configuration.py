@@ -19,6 +19,7 @@ from pcnclaws.geometry.velocity_gradients import spin_gradient, velocity_gradien
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.parameters import validate_parameters
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.placement import require_inside
 from pcnclaws.simulation.scenes import SceneStart, lightest_settings
@@ -68,6 +69,11 @@ def settings_from(config: DictConfig, automatic: float | None = None) -> Simulat
 def skips_from(config: DictConfig) -> Skips:
     """The switches of `simulation.skip.*`."""
     return Skips(**{str(switch): bool(on) for switch, on in config.simulation.skip.items()})
+
+
+def execution_from(config: DictConfig) -> Execution:
+    """How `precision=`, `device=` and `simulation.skip.*` have simulations computed."""
+    return Execution(precision_from(config), device_from(config), skips_from(config))
 
 
 def start_from(config: DictConfig) -> SceneStart:

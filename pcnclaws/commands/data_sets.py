@@ -11,11 +11,10 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from pcnclaws.commands.configuration import (
     body_from,
-    device_from,
+    execution_from,
     material_from,
     precision_from,
     settings_from,
-    skips_from,
     whole_number,
 )
 from pcnclaws.commands.outputs import check_ending
@@ -63,7 +62,7 @@ def ready_data_set(config: DictConfig) -> dict[str, list[Path]]:
             config.scene.particles,
         )
     with _progress() as report:
-        return generate_data_set(plan, str(config.data.folder), device_from(config), report, skips_from(config))
+        return generate_data_set(plan, str(config.data.folder), execution_from(config), report)
 
 
 def _plan(config: DictConfig, settings: SimulationSettings) -> DataSetPlan:

@@ -1,7 +1,7 @@
 """What an estimation ends with: a table, a JSON file and pictures."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,20 +32,31 @@ CAUSES = (
 CODES = {False: ["not_fitted"], None: ["fit_not_known"], True: []}
 
 
-def result_table(
-    title: str,
-    guess: Sequence[float],
-    found: Uncertainty,
-    fit: Fit,
-    truth: Mapping[str, float],
-    fixed: Mapping[str, float],
-) -> Table:
+@dataclass(frozen=True)
+class Findings:
+    """What a search has ended with.
+
+    guess  value of each unknown where the search began
+    truth  physical parameters that the file stores, by name
+    """
+
+    title: str
+    unknowns: Unknowns
+    guess: Sequence[float]
+    found: Uncertainty
+    fit: Fit
+    truth: Mapping[str, float]
+
+
+def result_table(findings: Findings) -> Table:
     """One line an unknown: guess, estimate, interval, and the truth where the file stores it."""
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    found, fit, truth = findings.found, findings.fit, findings.truth
+    fixed = {name: float(values[0]) for name, values in findings.unknowns.fixed.items()}
+    table = Table(title=findings.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("", overflow="fold")
     for header in ("guess", "estimate", "95 % interval", *(["truth", "off by"] if truth else [])):
         table.add_column(header, justify="right")
-    for start, estimate in zip(guess, found.estimates, strict=True):
+    for start, estimate in zip(findings.guess, found.estimates, strict=True):
         true = true_value(estimate.label, truth)
         beside = [] if not truth else [_number(true), _difference(estimate, true)]
         low, high = estimate.interval
@@ -116,16 +127,15 @@ def _length(size: float) -> str:
     return f"{1e3 * size:.2g} mm"
 
 
-def result_values(
-    unknowns: Unknowns, guess: Sequence[float], found: Uncertainty, fit: Fit, truth: Mapping[str, float]
-) -> dict[str, Any]:
+def result_values(findings: Findings) -> dict[str, Any]:
     """The result as plain values: {"parameters": {label: {...}}, "motion": {...}, "fit": {...}, "noise", ...}.
 
     An estimate without an interval is the best fit of a motion that is not fitted, and not identifiable.
     """
+    found, fit, truth = findings.found, findings.fit, findings.truth
     parameters: dict[str, Any] = {}
     motion: dict[str, Any] = {}
-    for start, unknown, estimate in zip(guess, unknowns.sought, found.estimates, strict=True):
+    for start, unknown, estimate in zip(findings.guess, findings.unknowns.sought, found.estimates, strict=True):
         known = estimate.identifiable
         values = {
             "guess": start,
@@ -164,26 +174,24 @@ def _fit_values(fit: Fit) -> dict[str, Any]:
 
 def leave_estimation_pictures(
     stem: Path,
-    title: str,
+    findings: Findings,
     observation: Observation,
     simulated: Float[np.ndarray, "frames markers 3"],
     history: Sequence[tuple[Sequence[float], float]],
-    found: Uncertainty,
-    fit: Fit,
-    truth: Mapping[str, float],
 ) -> list[Path]:
     """<stem>_convergence.png: unknowns and error over the iterations; <stem>_fit.png: observed beside simulated."""
+    fit = findings.fit
     warning = f"not fitted: {', '.join(_misfit(fit)[:2])}" if fit.fitted is False else ""
     courses = [
         Course(
             estimate.label,
             [values[k] for values, _ in history],
             estimate.interval if estimate.identifiable and fit.has_intervals else None,
-            true_value(estimate.label, truth),
+            true_value(estimate.label, findings.truth),
         )
-        for k, estimate in enumerate(found.estimates)
+        for k, estimate in enumerate(findings.found.estimates)
     ]
-    title = f"{title}\n{warning}".strip()
+    title = f"{findings.title}\n{warning}".strip()
     search = convergence(courses, [mse for _, mse in history], title, stem.with_name(f"{stem.name}_convergence.png"))
     observed = _as_record(observation, observation.target)
     with_estimate = replace(observed, position=simulated.astype(np.float32))
@@ -206,9 +214,9 @@ def _as_record(observation: Observation, position: np.ndarray) -> SceneRecord:
         observation.material,
         observation.settings,
         {},
-        observation.time,
-        position.astype(np.float32),
-        volume,
+        time=observation.time,
+        position=position.astype(np.float32),
+        volume=volume,
     )
 
 

@@ -58,7 +58,14 @@ def unknowns_from(config: DictConfig, material: Material, observation: Observati
     spacing, position = observation.spacing, observation.position
     components = components_of(str(config.vary), position, spacing)
     bodies = components if config.vary == "bodies" else components_of("uniform", position, spacing)
-    return make_unknowns(material.parameter_names, fixed, components, bodies, sought, bool(config.unknown.time_offset))
+    return make_unknowns(
+        material.parameter_names,
+        fixed,
+        components,
+        bodies,
+        motion=sought,
+        time_offset=bool(config.unknown.time_offset),
+    )
 
 
 def guess_from(config: DictConfig, material: Material, problem: EstimationProblem) -> np.ndarray:

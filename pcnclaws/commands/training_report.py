@@ -1,12 +1,11 @@
 """What a training run ends with: errors before and after on unseen objects, as table, JSON and pictures."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import torch
 from rich.console import Console
 from rich.progress import Progress
 
@@ -21,7 +20,7 @@ from pcnclaws.laws.materials import material_named
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.provenance import provenance
 from pcnclaws.rendering.curves import LossCurve, loss_curve
-from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.motion import Model
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.training.sources import TrainingScenes
@@ -35,9 +34,9 @@ PAPER_STEPS = 500
 class Report:
     """A finished training and what it started from.
 
-    notes    plain values kept with the results
-    started  time.monotonic() when the command began
-    skips    what the simulations of the test leave out
+    notes      plain values kept with the results
+    started    time.monotonic() when the command began
+    execution  of the simulations of the test
     """
 
     folder: Path
@@ -47,16 +46,14 @@ class Report:
     untrained: Model
     trained: Model
     started: float
-    skips: Skips
+    execution: Execution
 
 
-def write_report(
-    report: Report, device: torch.device, dtype: torch.dtype, seed: int, pictures: bool, console: Console
-) -> None:
+def write_report(report: Report, seed: int, pictures: bool, console: Console) -> None:
     """Tests the model before and after training, prints the table, and writes metrics.json and the pictures."""
-    after = _after(report, device, dtype, console)
+    after = _after(report, console)
     nothing_fitted = report.notes["iterations"] == 0
-    before = survived(after) if nothing_fitted else _results_or_none(report, device, dtype, console)
+    before = survived(after) if nothing_fitted else _results_or_none(report, console)
     published = _published(report.scenes.test)
     start = "positions only" if report.notes["positions_only"] else "segments from keyframes"
     title = f"{report.notes['material']}, {report.notes['regime']}, {start}: {len(after)} scenes"
@@ -65,7 +62,8 @@ def write_report(
         console.print(warning)
     for path in _pictures(report, survived(after), before) if pictures else ():
         console.print(f"wrote {path}")
-    origin = provenance(seed, device) | {"precision": str(dtype).removeprefix("torch.")}
+    execution = report.execution
+    origin = provenance(seed, execution.device) | {"precision": str(execution.dtype).removeprefix("torch.")}
     # of this command alone: data that was there and iterations before an interruption are not in it
     seconds = round(time.monotonic() - report.started, 1)
     values = _metrics(report, after, before, published) | {"seconds": seconds, "provenance": origin}
@@ -91,28 +89,26 @@ def _warning(report: Report) -> str | None:
     return f"warning: training made nothing better: the checks give {after:.2e} m² after it, {before:.2e} m² before"
 
 
-def _after(report: Report, device: torch.device, dtype: torch.dtype, console: Console) -> Outcomes:
+def _after(report: Report, console: Console) -> Outcomes:
     """What the trained law makes of the test; a scene that diverges is a result, and no reason to lose the others."""
     laws, records = report.trained, report.scenes.test
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         advance = partial(progress.advance, progress.add_task("test after training", total=len(records)))
-        return survivors(records, lambda some: evaluate_records(some, laws, dtype, device, None, report.skips), advance)
+        return survivors(records, lambda some: evaluate_records(some, laws, report.execution), advance)
 
 
-def _results(
-    report: Report, laws: Model, device: torch.device, dtype: torch.dtype, what: str, console: Console
-) -> list[SceneResult]:
+def _results(report: Report, laws: Model, what: str, console: Console) -> list[SceneResult]:
     records = report.scenes.test
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(what, total=steps_to_run(records))
         advance = partial(progress.advance, task)
-        return evaluate_records(records, laws, dtype, device, advance, report.skips)
+        return evaluate_records(records, laws, replace(report.execution, progress=advance))
 
 
-def _results_or_none(report: Report, device: torch.device, dtype: torch.dtype, console: Console) -> list[SceneResult]:
+def _results_or_none(report: Report, console: Console) -> list[SceneResult]:
     """The same numbers before training: what the structure of the law alone gives; none if that diverges."""
     try:
-        return _results(report, report.untrained, device, dtype, "test before training", console)
+        return _results(report, report.untrained, "test before training", console)
     except SimulationDiverged as divergence:
         console.print(f"before training: {divergence}")
         return []

@@ -109,13 +109,13 @@ def _optimiser(config: DictConfig) -> OptimiserSettings:
 def _plan(config: DictConfig) -> SegmentPlan:
     training = config.training
     return SegmentPlan(
-        training.iterations,
-        training.batch_segments,
-        training.start,
-        training.segment_length.first,
-        training.segment_length.last,
-        training.loss_every,
-        config.seed,
+        iterations=training.iterations,
+        segments=training.batch_segments,
+        start=training.start,
+        first=training.segment_length.first,
+        last=training.segment_length.last,
+        frame_every=training.loss_every,
+        seed=config.seed,
     )
 
 

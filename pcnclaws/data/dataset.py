@@ -11,26 +11,23 @@ from torch.utils.data import Dataset
 
 from pcnclaws.data.segments import SegmentGroup, SegmentPlan, notes_on_free_flight
 from pcnclaws.data.timeline import Timeline
-from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.simulation.batch import SceneBatch, batch_scenes
+from pcnclaws.simulation.layout import join_positions
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import batch_scenes, group_by_settings, join_positions
+from pcnclaws.simulation.scenes import group_by_settings
 
 
 class SegmentBatch(NamedTuple):
     """Segments of the same number of steps and the same settings, concatenated.
 
-    state       where the segments begin
-    scenes      one scene for each segment
-    parameters  physical parameters by name, each (particles,)
-    target      recorded positions [m] after every, 2 every, ... steps, (frames, 3, particles), NaN = unobserved
-    steps       length of the segments
-    every       steps from one frame to the next
-    group       which of the data set's settings the segments have
+    start   where the segments begin, one scene for each
+    target  recorded positions [m] after every, 2 every, ... steps, (frames, 3, particles), NaN = unobserved
+    steps   length of the segments
+    every   steps from one frame to the next
+    group   which of the data set's settings the segments have
     """
 
-    state: ParticleState
-    scenes: Scenes
-    parameters: dict[str, Tensor]
+    start: SceneBatch
     target: Float[Tensor, "frames 3 particles"]
     steps: int
     every: int
@@ -81,9 +78,7 @@ class SegmentDataset(Dataset[SegmentBatch]):
             begins = _begins(random, chosen, length)
         batch = batch_scenes([timeline.begin(b) for timeline, b in zip(chosen, begins, strict=True)], self.dtype, "cpu")
         frames = [timeline.frames(b, length, every) for timeline, b in zip(chosen, begins, strict=True)]
-        return SegmentBatch(
-            batch.state, batch.scenes, batch.parameters, join_positions(frames, self.dtype), length, every, g
-        )
+        return SegmentBatch(batch, join_positions(frames, self.dtype), length, every, g)
 
 
 def _spread(random: np.random.Generator, count: int, wanted: int) -> np.ndarray:

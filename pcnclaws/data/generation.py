@@ -10,7 +10,7 @@ scenes are simulated in fixed batches, so that their rounding does not depend on
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +23,11 @@ from pcnclaws.data.locks import one_after_another
 from pcnclaws.data.sampling import SPLITS, DataSetPlan, planned_scenes
 from pcnclaws.errors import UserError
 from pcnclaws.laws.analytic import analytic_laws
-from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import SceneStart, simulate_records
+from pcnclaws.simulation.scenes import SceneStart
 
 MANIFEST = "data_set.json"
 # Raised whenever the same plan would give other data, so that older data is not taken for it.
@@ -39,14 +41,14 @@ Progress = Callable[[str, int, int], None]
 def generate_data_set(
     plan: DataSetPlan,
     folder: str | Path,
-    device: str | torch.device = "cpu",
+    execution: Execution = SINGLE_ON_CPU,
     progress: Progress | None = None,
-    skips: Skips | None = None,
 ) -> dict[str, list[Path]]:
     """Makes what is missing of a data set, with the analytic laws; the files by split.
 
-    skips   how the scenes are simulated; no part of the plan, since the data is the same within rounding
-    raises  UserError when the folder holds other data, SimulationDiverged naming the scene
+    execution  how the scenes are simulated; no part of the plan, since the data is the same within rounding; the
+               precision is the plan's
+    raises     UserError when the folder holds other data, SimulationDiverged naming the scene
     """
     folder = Path(folder)
     scenes = planned_scenes(plan)
@@ -57,7 +59,7 @@ def generate_data_set(
         missing = _missing_batches(plan, folder, scenes)
         for number, (split, batch) in enumerate(missing):
             report = _of_batch(progress, split, plan.steps, number, len(missing))
-            _make_batch(plan, folder / split, batch, device, report, skips)
+            _make_batch(plan, folder / split, batch, replace(execution, progress=report))
     return {split: [folder / split / f"{start.name}.h5" for start in scenes[split]] for split in SPLITS}
 
 
@@ -92,22 +94,11 @@ def _make_batch(
     plan: DataSetPlan,
     folder: Path,
     batch: Sequence[SceneStart],
-    device: str | torch.device,
-    progress: Callable[[int], None] | None,
-    skips: Skips | None,
+    execution: Execution,
 ) -> None:
-    records = simulate_records(
-        batch,
-        analytic_laws(plan.material),
-        plan.steps,
-        plan.every,
-        plan.keyframe_every,
-        getattr(torch, plan.precision),
-        device,
-        progress,
-        skips,
-        velocities=True,
-    )
+    frames = FramePlan(plan.steps, plan.every, plan.keyframe_every, velocities=True)
+    execution = replace(execution, dtype=getattr(torch, plan.precision))
+    records = simulate_records(batch, analytic_laws(plan.material), frames, execution)
     for start, record in zip(batch, records, strict=True):
         path = folder / f"{record.name}.h5"
         if not _is_made(plan, path, start):

@@ -6,6 +6,7 @@ one line that names the file, the scene and the fault. The writer replaces a fil
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -125,21 +126,33 @@ def _read_scene(scenes: GuardedGroup, name: str, path: str, with_keyframes: bool
         velocity = _numbers(group, "velocity", position.shape) if "velocity" in group else None
         affine = _numbers(group, "initial_affine", (particles, 3, 3)) if "initial_affine" in group else None
         density = _numbers(group, "density", (particles,)) if "density" in group else None
-        _check_values(group, time, position, volume, start, velocity, affine, density)
-        fields = (time, position, volume, start, velocity, None, path, affine, density)
-        record = SceneRecord(name, group.text("material"), settings, parameters, *fields)
+        record = SceneRecord(
+            name,
+            group.text("material"),
+            settings,
+            parameters,
+            time=time,
+            position=position,
+            volume=volume,
+            initial_velocity=start,
+            velocity=velocity,
+            source=path,
+            initial_affine=affine,
+            density=density,
+        )
+        _check_values(group, record)
         keyframes = _keyframes(group, record) if "keyframes" in group and with_keyframes else None
-        return SceneRecord(**{**vars(record), "keyframes": keyframes})
+        return replace(record, keyframes=keyframes)
 
 
 def _settings(group: GuardedGroup) -> SimulationSettings:
     settings = SimulationSettings(
-        group.number("time_step"),
-        group.whole_number("grid_nodes"),
-        group.number("wall_distance"),
-        group.vector("gravity"),
-        group.text("boundary"),
-        group.number("density"),
+        time_step=group.number("time_step"),
+        grid_nodes=group.whole_number("grid_nodes"),
+        wall_distance=group.number("wall_distance"),
+        gravity=group.vector("gravity"),
+        boundary=group.text("boundary"),
+        density=group.number("density"),
     )
     if group.has_attribute("grid_spacing"):
         spacing = group.number("grid_spacing")
@@ -168,24 +181,16 @@ def _numbers(group: GuardedGroup, name: str, shape: Sequence[int | None]) -> np.
     return np.where(np.isinf(single), single, values) if values.dtype == np.float64 else single
 
 
-def _check_values(
-    group: GuardedGroup,
-    time: np.ndarray,
-    position: np.ndarray,
-    volume: np.ndarray,
-    start: np.ndarray | None,
-    velocity: np.ndarray | None,
-    affine: np.ndarray | None,
-    density: np.ndarray | None,
-) -> None:
+def _check_values(group: GuardedGroup, record: SceneRecord) -> None:
+    time, position, volume, density = record.time, record.position, record.volume, record.density
     if not np.all(np.abs(time) < LONGEST_TIME) or np.any(np.diff(time) <= 0.0):
         raise group.fault(f"'time' is not increasing, or not below {LONGEST_TIME:g} s")
     for name, values in (
         ("position", position[0]),
         ("volume", volume),
-        ("initial_velocity", start),
-        ("velocity", velocity),
-        ("initial_affine", affine),
+        ("initial_velocity", record.initial_velocity),
+        ("velocity", record.velocity),
+        ("initial_affine", record.initial_affine),
         ("density", density),
     ):
         if values is not None and not np.isfinite(values).all():

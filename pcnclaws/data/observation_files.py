@@ -81,8 +81,22 @@ def from_record(
         position, volume, velocity, density = body.position, body.volume, None, body.density
     affine = None if velocity is None or affine is None else affine.astype(np.float64)
     time = record.time - record.time[0]
-    start = (position, volume, velocity, record.parameters, affine)
-    return Observation(record.name, record.material, settings, time, target, *followed, *start, density=density)
+    particle, weight = followed
+    return Observation(
+        record.name,
+        record.material,
+        settings,
+        time=time,
+        target=target,
+        particle=particle,
+        weight=weight,
+        position=position,
+        volume=volume,
+        initial_velocity=velocity,
+        truth=record.parameters,
+        initial_affine=affine,
+        density=density,
+    )
 
 
 def from_table(
@@ -111,7 +125,7 @@ def from_table(
         )
     names = [name for name, known in zip(names, placed, strict=True) if known]
     require_inside(body.position, settings, "scene")
-    followed = followed_particles(first[placed], names, body.position, settings.grid_spacing)
+    particle, weight = followed_particles(first[placed], names, body.position, settings.grid_spacing)
     _name_empty(str(path), target[:, placed])
     check_motion(str(path), time, target[:, placed], settings, body.position)
     velocity = body.velocity if velocity_known else None
@@ -119,14 +133,15 @@ def from_table(
         Path(path).stem,
         material,
         settings,
-        time,
-        target[:, placed],
-        *followed,
-        body.position,
-        body.volume,
-        velocity,
-        {},
-        body.affine if velocity_known else None,
+        time=time,
+        target=target[:, placed],
+        particle=particle,
+        weight=weight,
+        position=body.position,
+        volume=body.volume,
+        initial_velocity=velocity,
+        truth={},
+        initial_affine=body.affine if velocity_known else None,
         density=body.density,
     )
 

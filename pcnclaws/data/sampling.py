@@ -147,9 +147,9 @@ def _start(plan: DataSetPlan, name: str, parameters: dict[str, float], motion: M
         plan.material.name,
         plan.settings,
         parameters,
-        position,
-        velocity,
-        plan.body.volume,
+        position=position,
+        velocity=velocity,
+        volume=plan.body.volume,
         density=plan.body.density,
     )
 

@@ -40,7 +40,7 @@ def local_deformation(
         particle=np.repeat(particle, 3, axis=0),
         weight=weight.reshape(3 * len(place), -1),
     )
-    gradient = EstimationProblem(problem.laws, columns, problem.unknowns, problem.dtype, problem.skips).motion(u)
+    gradient = EstimationProblem(problem.laws, columns, problem.unknowns, problem.execution).motion(u)
     return np.swapaxes(gradient.reshape(len(observation.time), len(place), 3, 3), 2, 3).astype(np.float64)
 
 

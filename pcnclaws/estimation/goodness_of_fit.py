@@ -83,7 +83,15 @@ def fit_of(
     if found.freedom > 0:
         fitted = size <= tolerance or _fitted(rest.variance, covariance, scatter, tolerance)
     alike = covariance / variance if variance > 0.0 else None
-    return Fit(size, scatter, alike, tolerance, _odd(field) if fitted is False else (), found.freedom, fitted)
+    return Fit(
+        residual=size,
+        scatter=scatter,
+        alike=alike,
+        tolerance=tolerance,
+        odd=_odd(field) if fitted is False else (),
+        freedom=found.freedom,
+        fitted=fitted,
+    )
 
 
 def _field(observation: Observation, residual: np.ndarray) -> Float[np.ndarray, "frames markers 3"]:

@@ -17,11 +17,13 @@ from pcnclaws.data.observation import Observation
 from pcnclaws.estimation.unknowns import TIME_OFFSET, Unknowns
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.batch import SceneBatch
+from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
+from pcnclaws.simulation.layout import matrices_first, matrices_last, vectors_first, vectors_last
 from pcnclaws.simulation.rollout import positions_at
-from pcnclaws.simulation.scenes import SceneStart, lightest_settings, simulator_of, vectors_first
+from pcnclaws.simulation.scenes import SceneStart, lightest_settings
+from pcnclaws.simulation.simulator import simulator_of
 from pcnclaws.simulation.time_step import largest_speed, scene_cfl, stable_cfl
-from pcnclaws.tensor_types import Parameters
 
 # So many particles are simulated at once.
 PARTICLES_AT_ONCE = 16_384
@@ -60,8 +62,8 @@ class _Interpolation(NamedTuple):
 class EstimationProblem:
     """An observation, the laws that are to explain it, and the unknowns that they may choose.
 
-    laws   frozen, of the observation's material
-    skips  what the simulations leave out, everything that they can by default
+    laws       frozen, of the observation's material
+    execution  on the CPU, without progress
     """
 
     def __init__(
@@ -69,12 +71,11 @@ class EstimationProblem:
         laws: Laws,
         observation: Observation,
         unknowns: Unknowns,
-        dtype: torch.dtype = torch.float32,
-        skips: Skips | None = None,
+        execution: Execution = SINGLE_ON_CPU,
     ) -> None:
         self.laws, self.observation, self.unknowns = laws, observation, unknowns
-        self.dtype, self.skips = dtype, skips or Skips()
-        self.simulator = simulator_of(laws, observation.settings, self.skips).to(dtype=dtype)
+        self.execution, self.dtype = execution, execution.dtype
+        self.simulator = simulator_of(laws, observation.settings, execution.skips).to(dtype=self.dtype)
         self._position = self._tensor(vectors_first(observation.position))
         self._volume = self._tensor(observation.volume)
         self._density = None if observation.density is None else self._tensor(observation.density)
@@ -141,7 +142,7 @@ class EstimationProblem:
                 parameters[unknown.name] = parameters.get(unknown.name, 0.0) + free[k].to(self.dtype) * share
         plan = self._interpolation(values)
         state = ParticleState.at_rest_shape(self._position, velocity, affine)
-        found = self._positions(state, 1, parameters, plan)
+        found = self._positions(SceneBatch(state, self._scenes(1), parameters), plan)
         motion = self._at_frames(found[:, :, None, :], plan)[:, :, 0]
         return (motion - self._target)[self._seen].square().mean()
 
@@ -149,7 +150,7 @@ class EstimationProblem:
         """Simulated positions of the markers at the frames [m]."""
         with torch.no_grad():
             found = self._observed([self.unknowns.values(u)], [None])
-        return np.swapaxes(found[:, :, 0].numpy(), 1, 2)
+        return vectors_last(found[:, :, 0])
 
     def start(self, u: Float[np.ndarray, " unknowns"]) -> SceneStart:
         """Where the scene starts."""
@@ -160,10 +161,10 @@ class EstimationProblem:
             observation.material,
             observation.settings,
             {name: float(one[0]) for name, one in parameters.items() if np.ptp(one) == 0.0},
-            observation.position,
-            self._start_velocity(values).T.double().numpy(),
-            observation.volume,
-            np.moveaxis(self._start_affine(values).double().numpy(), -1, 0),
+            position=observation.position,
+            velocity=vectors_last(self._start_velocity(values).double()),
+            volume=observation.volume,
+            affine=matrices_last(self._start_affine(values).double()),
             density=observation.density,
             varying={name: one for name, one in parameters.items() if np.ptp(one) > 0.0},
         )
@@ -234,12 +235,11 @@ class EstimationProblem:
         if affine_rate.any():
             affine = forward_ad.make_dual(affine, self._tensor(affine_rate))
         state = ParticleState.at_rest_shape(self._position.repeat(1, copies), velocity, affine)
-        found = self._positions(state, copies, parameters, plan)
+        found = self._positions(SceneBatch(state, self._scenes(copies), parameters), plan)
         return found.unflatten(2, (copies, particles))
 
-    def _positions(self, state: ParticleState, copies: int, parameters: Parameters, plan: _Interpolation) -> Tensor:
-        scenes = self._scenes(copies)
-        return positions_at(self.simulator, state, scenes, parameters, plan.steps, skips=self.skips)
+    def _positions(self, batch: SceneBatch, plan: _Interpolation) -> Tensor:
+        return positions_at(self.simulator, batch, plan.steps, skips=self.execution.skips)
 
     def _at_frames(self, found: Tensor, plan: _Interpolation) -> Tensor:
         """Positions of particles at steps, (steps, 3, copies, particles), as those of markers at frames."""
@@ -287,7 +287,7 @@ class EstimationProblem:
 
     def _start_affine(self, values: np.ndarray) -> Tensor:
         known = self.observation.initial_affine
-        affine = np.zeros((3, 3, len(self.observation.position))) if known is None else np.moveaxis(known, 0, -1)
+        affine = np.zeros((3, 3, len(self.observation.position))) if known is None else matrices_first(known)
         for k, gradient in self._gradient.items():
             affine = affine + values[k] * gradient
         return self._tensor(affine)

@@ -6,13 +6,13 @@ marker wrongly by d, in the way that an unknown would, shifts the estimate by th
 number of rows: d^2 (J J^T / rows)^-1. d is calibrated on objects whose truth is known.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from pcnclaws.estimation.problem import Linearisation
-from pcnclaws.estimation.unknowns import Unknowns
+from pcnclaws.estimation.unknowns import Unknown, Unknowns
 from pcnclaws.laws.parameters import PARAMETERS
 
 # Normal quantile of a two-sided interval of 95 %.
@@ -95,8 +95,19 @@ def uncertainty(
     with np.errstate(invalid="ignore"):
         share = np.where(felt, np.diag(of_law) / np.diag(covariance), 0.0)
         correlation = np.where(np.outer(felt, felt), covariance / np.outer(deviation, deviation), 0.0)
-    estimates = [_estimate(unknowns, u, k, step[k], deviation[k], float(share[k])) for k in range(len(u))]
-    return Uncertainty(estimates, covariance, correlation, noise, law_error, minimum.residual, freedom)
+    estimates = [
+        replace(_estimate(unknown, u[k], step[k], deviation[k]), law_share=float(share[k]))
+        for k, unknown in enumerate(unknowns.sought)
+    ]
+    return Uncertainty(
+        estimates,
+        covariance,
+        correlation,
+        noise=noise,
+        law_error=law_error,
+        residual=minimum.residual,
+        freedom=freedom,
+    )
 
 
 def projected_error(at: Linearisation, difference: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " unknowns"]:
@@ -130,10 +141,11 @@ def _clustering(at: Linearisation, inverse: np.ndarray, noise: float, felt: np.n
     return max(1.0, float(np.max(np.diag(robust) / (noise**2 * np.diag(part)))))
 
 
-def _estimate(unknowns: Unknowns, u: np.ndarray, k: int, step: float, deviation: float, law_share: float) -> Estimate:
-    unknown, reach = unknowns.sought[k], QUANTILE_95 * deviation
+def _estimate(unknown: Unknown, u: float, step: float, deviation: float) -> Estimate:
+    """The estimate of a coordinate, none of whose variance is the law's."""
+    reach = QUANTILE_95 * deviation
     places = np.array([0.0, step, -reach, reach, 2.0 * min(step, 0.0) - reach, 2.0 * max(step, 0.0) + reach])
-    value, ahead, least, most, low, high = unknown.transform.value(u[k] + places).tolist()
+    value, ahead, least, most, low, high = unknown.transform.value(u + places).tolist()
     parameter = PARAMETERS.get(unknown.name)
     if parameter is not None and parameter.logarithmic:
         known = most < parameter.widest * least
@@ -141,5 +153,11 @@ def _estimate(unknowns: Unknowns, u: np.ndarray, k: int, step: float, deviation:
         known = most - least < (np.inf if parameter is None else parameter.widest)
     converged = bool(abs(step) <= deviation)
     return Estimate(
-        unknown.label, value, (low, high), bool(np.isfinite(deviation) and known), law_share, ahead, converged
+        unknown.label,
+        value,
+        interval=(low, high),
+        identifiable=bool(np.isfinite(deviation) and known),
+        law_share=0.0,
+        ahead=ahead,
+        converged=converged,
     )

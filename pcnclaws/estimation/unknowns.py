@@ -139,6 +139,7 @@ def make_unknowns(
     fixed: Mapping[str, float],
     components: Sequence[Component],
     bodies: Sequence[Component],
+    *,
     motion: bool,
     time_offset: bool,
 ) -> Unknowns:

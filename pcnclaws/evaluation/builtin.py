@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from pcnclaws.data.sampling import DataSetPlan, Motion, draw_motions, planned_scenes
 from pcnclaws.errors import UserError, unknown_name
@@ -14,10 +13,12 @@ from pcnclaws.geometry.shapes import PointCloud, particles, spin_velocity
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import Material
 from pcnclaws.mpm.settings import SimulationSettings
-from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
 from pcnclaws.simulation.placement import require_inside
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import SceneStart, group_by_settings, simulate_records
+from pcnclaws.simulation.scenes import SceneStart, group_by_settings
 
 # Shape -> edge of its box [m] and particles along it: 3 to 8 particles a cell, 1000 to 3000 in all.
 GEOMETRIES = {
@@ -42,20 +43,18 @@ FAST_MOTIONS = (
 class BuiltinTask:
     """The scenes of a task and how they are recorded.
 
-    steps, every, keyframe_every  length of the motion and distances of its frames and full states [steps]
-    may_diverge                   a scene that diverges is a result and does not end the evaluation
+    plan         length of the motion and distances of its frames and full states [steps]
+    may_diverge  a scene that diverges is a result and does not end the evaluation
     """
 
     starts: Sequence[SceneStart]
-    steps: int
-    every: int
-    keyframe_every: int
+    plan: FramePlan
     may_diverge: bool = False
 
     @property
     def work(self) -> int:
         """What true_records reports to its `progress` in all."""
-        return len(self.starts) if self.may_diverge else self.steps * len(group_by_settings(self.starts))
+        return len(self.starts) if self.may_diverge else self.plan.steps * len(group_by_settings(self.starts))
 
 
 def builtin_task(name: str, material: Material, scene: str | None = None) -> BuiltinTask:
@@ -71,22 +70,19 @@ def builtin_task(name: str, material: Material, scene: str | None = None) -> Bui
 
 
 def true_records(
-    task: BuiltinTask,
-    material: Material,
-    device: str | torch.device = "cpu",
-    progress: Callable[[int], None] | None = None,
-    skips: Skips | None = None,
-    dtype: torch.dtype = torch.float32,
+    task: BuiltinTask, material: Material, execution: Execution = SINGLE_ON_CPU
 ) -> list[SceneRecord | DivergedScene]:
     """The scenes' true motion, by the analytic laws, as the standard data set records it in single precision.
 
-    progress  called with the work just done, steps or scenes, of `task.work` in all
-    raises    SimulationDiverged where the task does not take that for a result
+    execution  its progress hears of the work just done, steps or scenes, of `task.work` in all
+    raises     SimulationDiverged where the task does not take that for a result
     """
-    recorded = (analytic_laws(material), task.steps, task.every, task.keyframe_every, dtype, device)
+    laws, silent = analytic_laws(material), replace(execution, progress=None)
     if task.may_diverge:
-        return survivors(task.starts, lambda starts: simulate_records(starts, *recorded, None, skips), progress)
-    return [*simulate_records(task.starts, *recorded, progress, skips)]
+        return survivors(
+            task.starts, lambda starts: simulate_records(starts, laws, task.plan, silent), execution.progress
+        )
+    return [*simulate_records(task.starts, laws, task.plan, execution)]
 
 
 def paper_errors(material: Material) -> dict[str, float]:
@@ -121,7 +117,7 @@ def _geometry(material: Material) -> BuiltinTask:
         _start(shape, known, particles(shape, side=side, particles_per_edge=edge), motion)
         for (shape, (side, edge)), known, motion in scenes
     ]
-    return BuiltinTask(starts, plan.steps, plan.every, plan.keyframe_every)
+    return BuiltinTask(starts, _frames(plan))
 
 
 def _unseen_motion(material: Material) -> BuiltinTask:
@@ -132,7 +128,7 @@ def _unseen_motion(material: Material) -> BuiltinTask:
         _start(f"motion-{number:02d}", known, plan.body, motion)
         for number, (known, motion) in enumerate(zip(_training(plan), motions, strict=False))
     ]
-    return BuiltinTask(starts, plan.steps, plan.every, plan.keyframe_every)
+    return BuiltinTask(starts, _frames(plan))
 
 
 def _outside_range(material: Material) -> BuiltinTask:
@@ -140,12 +136,16 @@ def _outside_range(material: Material) -> BuiltinTask:
     plan = DataSetPlan(material)
     settings = map_settings(material, plan)
     finer = round(plan.settings.time_step / settings.time_step)
-    lengths = (finer * steps for steps in (plan.steps, plan.every, plan.keyframe_every))
-    return BuiltinTask(map_starts(material, plan, settings), *lengths, may_diverge=True)
+    frames = FramePlan(finer * plan.steps, finer * plan.every, finer * plan.keyframe_every)
+    return BuiltinTask(map_starts(material, plan, settings), frames, may_diverge=True)
 
 
 def _of_plan(plan: DataSetPlan, split: str) -> BuiltinTask:
-    return BuiltinTask(planned_scenes(plan)[split], plan.steps, plan.every, plan.keyframe_every)
+    return BuiltinTask(planned_scenes(plan)[split], _frames(plan))
+
+
+def _frames(plan: DataSetPlan) -> FramePlan:
+    return FramePlan(plan.steps, plan.every, plan.keyframe_every)
 
 
 def _training(plan: DataSetPlan) -> list[SceneStart]:
@@ -169,7 +169,7 @@ def _start(name: str, known: SceneStart, body: PointCloud, motion: Motion) -> Sc
     """A scene with the parameters of a known one, another body or another motion."""
     require_inside(body.position, known.settings, f"scene '{name}'")
     velocity = spin_velocity(body.position, body.velocity + motion.velocity, motion.spin.tolist())
-    return SceneStart(name, known.material, known.settings, known.parameters, body.position, velocity, body.volume)
+    return replace(known, name=name, position=body.position, velocity=velocity, volume=body.volume, density=None)
 
 
 TASKS: dict[str, Callable[[Material], BuiltinTask]] = {

@@ -7,8 +7,9 @@ from torch import Tensor
 
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.simulation.batch import batch_scenes
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import SceneStart, batch_scenes
+from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.tensor_types import Parameters, Scalars
 
 
@@ -74,8 +75,18 @@ def _at_keyframe(record: SceneRecord, row: int) -> SceneStart:
     kept = record.keyframes
     if kept is None:
         raise ValueError("a record without keyframes has no full state")
-    fields = (kept.position[row], kept.velocity[row], record.volume, kept.affine[row], kept.deformation[row])
-    return SceneStart(record.name, record.material, record.settings, record.parameters, *fields, record.density)
+    return SceneStart(
+        record.name,
+        record.material,
+        record.settings,
+        record.parameters,
+        position=kept.position[row],
+        velocity=kept.velocity[row],
+        volume=record.volume,
+        affine=kept.affine[row],
+        deformation=kept.deformation[row],
+        density=record.density,
+    )
 
 
 def _by_scene(values: Scalars, scenes: Scenes) -> Tensor:

@@ -3,27 +3,19 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import TIME_TOLERANCE, Keyframes, SceneRecord
 from pcnclaws.simulation.scenes import start_of
 from pcnclaws.simulation.time_step import automatic_time_step, largest_speed
 
 
-class StepPlan(NamedTuple):
-    """What to simulate for a record: so many steps, frames and full states that often, 0 for no full states."""
-
-    steps: int
-    every: int
-    keyframe_every: int
-
-
-def step_plans(records: Sequence[SceneRecord]) -> dict[StepPlan, list[int]]:
+def step_plans(records: Sequence[SceneRecord]) -> dict[FramePlan, list[int]]:
     """The indices of the records by what to simulate for them."""
-    plans: dict[StepPlan, list[int]] = {}
+    plans: dict[FramePlan, list[int]] = {}
     for index, record in enumerate(records):
         plans.setdefault(_plan(record), []).append(index)
     return plans
@@ -69,12 +61,12 @@ def in_automatic_time_step(record: SceneRecord) -> SceneRecord:
     return in_time_step(record, step)
 
 
-def _plan(record: SceneRecord) -> StepPlan:
+def _plan(record: SceneRecord) -> FramePlan:
     places = _places(record)
     steps = math.ceil(places[-1])
     keyframes = [step for step in _keyframe_steps(record) if step <= steps]
     every = math.gcd(*places.astype(np.int64).tolist(), *keyframes) if _all_whole(places) else 1
-    return StepPlan(steps, max(every, 1), math.gcd(*keyframes))
+    return FramePlan(steps, max(every, 1), math.gcd(*keyframes))
 
 
 def _places(record: SceneRecord) -> Float[np.ndarray, " frames"]:

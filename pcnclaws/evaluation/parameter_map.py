@@ -72,7 +72,13 @@ def map_starts(
     velocity = _velocity(plan)
     return [
         SceneStart(
-            point.scene, material.name, settings, point.parameters, plan.body.position, velocity, plan.body.volume
+            point.scene,
+            material.name,
+            settings,
+            point.parameters,
+            position=plan.body.position,
+            velocity=velocity,
+            volume=plan.body.volume,
         )
         for point in map_points(material, points)
     ]

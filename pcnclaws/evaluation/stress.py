@@ -10,6 +10,7 @@ from jaxtyping import Float
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.metrics import relative_stress_error
+from pcnclaws.simulation.layout import matrices_first, matrices_last
 from pcnclaws.simulation.records import SceneRecord
 
 # A particle acts on, and feels, the grid nodes up to this many cells away.
@@ -54,6 +55,6 @@ def _stress(
 ) -> Float[np.ndarray, "particles 3 3"]:
     """Kirchhoff stress [Pa], (particles, 3, 3); the weights of the law, where it has any, are of the same type."""
     device = next(elasticity.parameters(), torch.zeros(())).device
-    states = torch.tensor(np.moveaxis(deformation, 0, -1).copy(), dtype=dtype, device=device)
+    states = torch.tensor(matrices_first(deformation), dtype=dtype, device=device)
     parameters = {name: states.new_full((states.shape[2],), value) for name, value in record.parameters.items()}
-    return np.moveaxis(elasticity.kirchhoff_stress(states, parameters).cpu().numpy(), -1, 0)
+    return matrices_last(elasticity.kirchhoff_stress(states, parameters))

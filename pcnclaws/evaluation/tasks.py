@@ -1,11 +1,10 @@
 """Evaluates laws: simulates recorded scenes from their first frames and measures how far the motion is off."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from pcnclaws.errors import UserError
@@ -15,10 +14,11 @@ from pcnclaws.evaluation.stress import stress_error
 from pcnclaws.laws.analytic import Laws, analytic_laws
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.metrics import mse_sum, position_mse, position_mse_by_frame, rms_percent
-from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
 from pcnclaws.simulation.motion import Model
+from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import SceneStart, group_by_settings, simulate_records, start_of
+from pcnclaws.simulation.scenes import SceneStart, group_by_settings, start_of
 
 
 @dataclass(frozen=True)
@@ -64,18 +64,14 @@ class SceneResult:
 def evaluate_records(
     records: Sequence[SceneRecord],
     model: Model,
-    dtype: torch.dtype = torch.float32,
-    device: str | torch.device = "cpu",
-    progress: Callable[[int], None] | None = None,
-    skips: Skips | None = None,
+    execution: Execution = SINGLE_ON_CPU,
 ) -> list[SceneResult]:
     """Simulates each record from its first frame with its own parameters and settings and compares at its frames.
 
     A frame that lies between two steps is compared with the linear interpolation of the two. A model of motion has
     neither stress nor full states, and no errors of these.
-    progress  called with the number of steps just done, of `steps_to_run(records)` in all
-    skips     what the simulation leaves out, everything that it can by default
-    raises    UserError for a record that cannot be evaluated; SimulationDiverged
+    execution  its progress hears of `steps_to_run(records)` steps in all
+    raises     UserError for a record that cannot be evaluated; SimulationDiverged
     """
     material = _material_of(records)
     starts = [_start(record, material) for record in records]
@@ -84,14 +80,22 @@ def evaluate_records(
     for plan, members in step_plans(records).items():
         group, began = [starts[index] for index in members], time.perf_counter()
         if isinstance(model, Laws):
-            runs = simulate_records(group, model, *plan, dtype, device, progress, skips)
+            runs = simulate_records(group, model, plan, execution)
         else:
-            runs = model.to(device, dtype).simulate(group, plan.steps, plan.every, progress)
+            runs = model.to(execution.device, execution.dtype).simulate(group, plan, execution.progress)
         share = (time.perf_counter() - began) / len(members)
         for index, run in zip(members, runs, strict=True):
             predicted[index], seconds[index] = at_frames_of(records[index], run, plan.every), share
     analytic = analytic_laws(material)
-    return [_compared(record, predicted[k], seconds[k], model, analytic, dtype) for k, record in enumerate(records)]
+    results = [_compared(record, predicted[k], analytic) for k, record in enumerate(records)]
+    return [
+        replace(
+            result,
+            stress_error=stress_error(record, model, analytic, execution.dtype) if isinstance(model, Laws) else None,
+            seconds=seconds[k],
+        )
+        for k, (result, record) in enumerate(zip(results, records, strict=True))
+    ]
 
 
 def steps_to_run(records: Sequence[SceneRecord]) -> int:
@@ -129,19 +133,17 @@ def _start(record: SceneRecord, material: Material) -> SceneStart:
     return replace(start, parameters={name: start.parameters[name] for name in material.parameter_names})
 
 
-def _compared(
-    true: SceneRecord, predicted: SceneRecord, seconds: float, model: Model, analytic: Laws, dtype: torch.dtype
-) -> SceneResult:
+def _compared(true: SceneRecord, predicted: SceneRecord, analytic: Laws) -> SceneResult:
+    """The errors of the motion."""
     mse = position_mse(predicted.position, true.position)
     summed = mse_sum(mse)
     return SceneResult(
-        true,
-        predicted,
-        mse,
-        summed,
-        rms_percent(summed, true.volume),
-        position_mse_by_frame(predicted.position, true.position),
-        stress_error(true, model, analytic, dtype) if isinstance(model, Laws) else None,
-        energy_error(true, predicted, analytic.elasticity),
-        seconds,
+        true=true,
+        predicted=predicted,
+        mse=mse,
+        mse_sum=summed,
+        rms_percent=rms_percent(summed, true.volume),
+        mse_by_frame=position_mse_by_frame(predicted.position, true.position),
+        stress_error=None,
+        energy_error=energy_error(true, predicted, analytic.elasticity),
     )

@@ -48,6 +48,7 @@ def predicted_beside_true(
     true: SceneRecord,
     predicted: SceneRecord,
     path: Path,
+    *,
     times: int = 5,
     words: tuple[str, str] = ("true", "predicted"),
     warning: str = "",
@@ -105,9 +106,8 @@ def panel(
         colour = np.tile(material_colour(record.material), (len(record.volume), 1))
     radius = SPHERE_SIZE * np.cbrt(record.volume.astype(np.float64))
     gravity = record.settings.gravity
-    return draw_particles(
-        camera, upright(record.position[frame], gravity), radius, colour, oversample, has_floor(gravity)
-    )
+    position = upright(record.position[frame], gravity)
+    return draw_particles(camera, position, radius, colour, oversample=oversample, floor=has_floor(gravity))
 
 
 def _comparison_title(true: SceneRecord, predicted: SceneRecord) -> str:

@@ -20,6 +20,7 @@ def draw_particles(
     position: Float[np.ndarray, "particles 3"],
     radius: Float[np.ndarray, " particles"],
     colour: Colours,
+    *,
     oversample: int = 2,
     floor: bool = True,
 ) -> Picture:

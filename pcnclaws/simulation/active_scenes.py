@@ -8,6 +8,7 @@ from jaxtyping import Int64
 from torch import Tensor
 
 from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.free_fall import fallen
 from pcnclaws.simulation.simulator import Step
 from pcnclaws.tensor_types import Parameters
@@ -67,20 +68,18 @@ class ActiveScenes:
     def __init__(
         self,
         step_of: StepOf,
-        state: ParticleState,
-        scenes: Scenes,
-        parameters: Parameters,
+        batch: SceneBatch,
         time_step: float,
         free_steps: Sequence[int],
     ) -> None:
-        self._step_of, self._scenes, self._parameters, self._time_step = step_of, scenes, parameters, time_step
+        self._step_of, self._scenes, self._parameters, self._time_step = step_of, *batch[1:3], time_step
         self._free_steps = list(free_steps)
         self.joins = frozenset(free_steps)
         # where scenes that do not run began to fall, or came to rest
-        self._idle = state
+        self._idle = batch.state
         self._left: set[int] = set()
         self.n = 0
-        self._regroup(state)
+        self._regroup(batch.state)
 
     @property
     def any_running(self) -> bool:

@@ -1,13 +1,15 @@
 """Models of motion: learned simulators without constitutive laws, which move scenes by themselves."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 from torch import Tensor, nn
 from torch.utils.data import Dataset
 
 from pcnclaws.laws.analytic import Laws
+from pcnclaws.simulation.execution import Progress
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart
 
@@ -19,13 +21,13 @@ class MotionModel(nn.Module, ABC):
 
     @abstractmethod
     def simulate(
-        self, starts: Sequence[SceneStart], steps: int, every: int, progress: Callable[[int], None] | None = None
+        self, starts: Sequence[SceneStart], plan: FramePlan, progress: Progress | None = None
     ) -> list[SceneRecord]:
         """Moves scenes and records their positions; results in the order of `starts`.
 
-        steps, every  length of the motion and distance of its frames, in steps of the scenes' own settings
-        progress      called with the number of steps just done, of `steps` in all
-        raises        SimulationDiverged, naming the scene; UserError for frames that the model has no step for
+        plan      length of the motion and distance of its frames, in steps of the scenes' own settings
+        progress  called with the number of steps just done, of `plan.steps` in all
+        raises    SimulationDiverged, naming the scene; UserError for frames that the model has no step for
         """
 
     @abstractmethod

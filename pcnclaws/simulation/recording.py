@@ -88,4 +88,12 @@ class Recording:
             full = [field[rows] for field in full]
         velocity, affine, deformation = full
         step, keyframe_step = (torch.tensor(steps, dtype=torch.int64) for steps in (self.plan.frames, keyframes))
-        return Trajectory(step, self._position, self._velocity, keyframe_step, affine, deformation, velocity)
+        return Trajectory(
+            step=step,
+            position=self._position,
+            velocity=self._velocity,
+            keyframe_step=keyframe_step,
+            affine=affine,
+            deformation=deformation,
+            keyframe_velocity=velocity,
+        )

@@ -5,7 +5,7 @@ need no step are left out of it (active_scenes.py).
 """
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -18,15 +18,16 @@ from pcnclaws.mpm.diagnostics import failing_particles, left_domain, why_failing
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.active_scenes import ActiveScenes
 from pcnclaws.simulation.at_rest import RestWatch
+from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.cuda_graphs import advanced, differentiable_steps, records_steps
+from pcnclaws.simulation.execution import Progress
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.free_fall import free_steps
 from pcnclaws.simulation.gradient_checkpointing import recomputed_step
 from pcnclaws.simulation.recording import FramePlan, Recording, Trajectory
 from pcnclaws.simulation.simulator import Simulator, Step
-from pcnclaws.tensor_types import Parameters, ParticleMask
+from pcnclaws.tensor_types import ParticleMask
 
-Progress = Callable[[int], None]
 # Above this many particle-steps the graph of a differentiable rollout is not kept but computed again. A step keeps some
 # 5 kB a particle in PyTorch; compiled, 0.2 kB, which is not much more than its state.
 MOST_PARTICLE_STEPS = 100_000
@@ -40,6 +41,7 @@ def simulate(
     scenes: Scenes,
     steps: int,
     every: int = 1,
+    *,
     keyframe_every: int = 0,
     scene_names: Sequence[str] | None = None,
     advice: str = "",
@@ -54,20 +56,17 @@ def simulate(
     progress        called with the number of steps just done
     raises          SimulationDiverged, naming scene, step and particle, as soon as a frame is due
     """
-    run = ActiveScenes(lambda *_: step, state, scenes, {}, 0.0, [0] * scenes.scene_count)
+    run = ActiveScenes(lambda *_: step, SceneBatch(state, scenes, {}), 0.0, [0] * scenes.scene_count)
     recording = Recording(FramePlan(steps, every, keyframe_every, velocities=True), state)
     return _run(run, recording, None, _Report(scene_names, advice, progress))
 
 
 def simulate_scenes(
     simulator: Simulator,
-    state: ParticleState,
-    scenes: Scenes,
-    parameters: Parameters,
+    batch: SceneBatch,
     plan: FramePlan,
-    scene_names: Sequence[str] | None = None,
-    progress: Progress | None = None,
     skips: Skips | None = None,
+    progress: Progress | None = None,
 ) -> Trajectory:
     """Runs the scenes of a batch without gradients, each one only while it needs steps, and records them.
 
@@ -79,18 +78,17 @@ def simulate_scenes(
     skips = skips or Skips()
     settings = simulator.integrator.settings
     with torch.set_grad_enabled(not skips.graph):
-        free = _free_steps(simulator, state, scenes, parameters, plan.steps, skips)
-        run = ActiveScenes(simulator.step_function, state, scenes, parameters, settings.time_step, free)
-        recording = Recording(plan, state, everything=not skips.history)
+        free = _free_steps(simulator, batch, plan.steps, skips)
+        run = ActiveScenes(simulator.step_function, batch, settings.time_step, free)
+        recording = Recording(plan, batch.state, everything=not skips.history)
         watch = RestWatch(settings, plan.steps) if skips.rest else None
-        return _run(run, recording, watch, _Report(scene_names, "", progress), simulator)
+        return _run(run, recording, watch, _Report(batch.names or None, "", progress), simulator)
 
 
 @torch.no_grad()
-def state_after(
-    simulator: Simulator, state: ParticleState, scenes: Scenes, parameters: Parameters, steps: int
-) -> ParticleState:
+def state_after(simulator: Simulator, batch: SceneBatch, steps: int) -> ParticleState:
     """The state `steps` steps later: every step is run, without a graph, and nobody looks whether it is physical."""
+    state, scenes, parameters, _ = batch
     if records_steps(state, scenes):
         return advanced(simulator, state, scenes, parameters, steps)[0]
     step = simulator.step_function(scenes, parameters)
@@ -101,11 +99,10 @@ def state_after(
 
 def differentiable_rollout(
     simulator: Simulator,
-    state: ParticleState,
-    scenes: Scenes,
-    parameters: Parameters,
+    batch: SceneBatch,
     steps: int,
     every: int = 1,
+    *,
     recompute: bool | None = None,
     skips: Skips | None = None,
 ) -> Float[Tensor, "frames 3 particles"]:
@@ -119,15 +116,14 @@ def differentiable_rollout(
                every input exists
     """
     at = range(every, steps + 1, every)
-    return positions_at(simulator, state, scenes, parameters, at, steps, recompute, skips)
+    return positions_at(simulator, batch, at, steps=steps, recompute=recompute, skips=skips)
 
 
 def positions_at(
     simulator: Simulator,
-    state: ParticleState,
-    scenes: Scenes,
-    parameters: Parameters,
+    batch: SceneBatch,
     at: Sequence[int],
+    *,
     steps: int | None = None,
     recompute: bool | None = None,
     skips: Skips | None = None,
@@ -138,7 +134,8 @@ def positions_at(
     steps  how many are run, None for as many as are needed
     """
     skips, steps = skips or Skips(), max(at[-1], 1) if steps is None else steps
-    free = [min(n, steps - 1) for n in _free_steps(simulator, state, scenes, parameters, steps, skips)]
+    state, scenes = batch.state, batch.scenes
+    free = [min(n, steps - 1) for n in _free_steps(simulator, batch, steps, skips)]
     weights = list(simulator.parameters())
     if weights and not skips.weight_gradients and not any(weight.requires_grad for weight in weights):
         simulator = copy.deepcopy(simulator).requires_grad_()
@@ -146,7 +143,7 @@ def positions_at(
         most = MOST_COMPILED_PARTICLE_STEPS if simulator.runs_compiled(state) else MOST_PARTICLE_STEPS
         recompute = _particle_steps(scenes, steps, free) > most
     step_of = partial(simulator.step_function, one_graph=True)
-    run = ActiveScenes(step_of, state, scenes, parameters, simulator.integrator.settings.time_step, free)
+    run = ActiveScenes(step_of, batch, simulator.integrator.settings.time_step, free)
 
     wanted = set(at)
     positions = [state.position] if 0 in wanted else []
@@ -251,12 +248,10 @@ def _require_physical(run: ActiveScenes, failed: ParticleMask, count: int, repor
     raise kind(f"scene '{name}' diverged at step {n}: particle {within}: {why}{ending}")
 
 
-def _free_steps(
-    simulator: Simulator, state: ParticleState, scenes: Scenes, parameters: Parameters, steps: int, skips: Skips
-) -> list[int]:
+def _free_steps(simulator: Simulator, batch: SceneBatch, steps: int, skips: Skips) -> list[int]:
     if not skips.free_fall:
-        return [0] * scenes.scene_count
-    return free_steps(simulator, state, scenes, parameters, steps)
+        return [0] * batch.scenes.scene_count
+    return free_steps(simulator, batch.state, batch.scenes, batch.parameters, steps)
 
 
 def _particle_steps(scenes: Scenes, steps: int, free: Sequence[int]) -> int:

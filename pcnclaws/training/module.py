@@ -15,11 +15,14 @@ from pcnclaws.errors import SimulationDiverged, UserError, unknown_name
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.metrics import position_mse
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.rollout import differentiable_rollout
-from pcnclaws.simulation.scenes import simulate_records, simulator_of, start_of
-from pcnclaws.simulation.simulator import Simulator
+from pcnclaws.simulation.scenes import start_of
+from pcnclaws.simulation.simulator import Simulator, simulator_of
 from pcnclaws.training.losses import position_loss, relative_position_loss, unstressed_positions
 from pcnclaws.training.watched import WatchedModule
 
@@ -111,9 +114,9 @@ class ConstitutiveModule(WatchedModule):
 
     def training_step(self, batch: SegmentBatch, batch_idx: int) -> Tensor:
         simulator = cast(Simulator, self.simulators[batch.group])
-        fields = (batch.state, batch.scenes, batch.parameters)
-        recompute = self.settings.recompute
-        predicted = differentiable_rollout(simulator, *fields, batch.steps, batch.every, recompute, self.skips)
+        predicted = differentiable_rollout(
+            simulator, batch.start, batch.steps, batch.every, recompute=self.settings.recompute, skips=self.skips
+        )
         error = position_loss(predicted, batch.target)
         self.log("loss", error.detach(), batch_size=1)
         self.log("segment_length", float(batch.steps), batch_size=1)
@@ -126,8 +129,9 @@ class ConstitutiveModule(WatchedModule):
             return error
         times = range(batch.every, batch.steps + 1, batch.every)
         time_step = simulator.integrator.settings.time_step
-        unstressed = unstressed_positions(batch.state, batch.scenes, time_step, times)
-        segments = batch.scenes.scene_index, batch.scenes.scene_count
+        state, scenes = batch.start.state, batch.start.scenes
+        unstressed = unstressed_positions(state, scenes, time_step, times)
+        segments = scenes.scene_index, scenes.scene_count
         return relative_position_loss(predicted, batch.target, unstressed, *segments)
 
     def rollout_error(self, records: Sequence[SceneRecord]) -> float:
@@ -138,11 +142,8 @@ class ConstitutiveModule(WatchedModule):
             rollouts = simulate_records(
                 [start_of(record) for record in records],
                 self.laws,
-                max(int(of_scene[-1]) for of_scene in steps),
-                every,
-                dtype=weight.dtype,
-                device=weight.device,
-                skips=self.skips,
+                FramePlan(max(int(of_scene[-1]) for of_scene in steps), every),
+                Execution(weight.dtype, weight.device, self.skips),
             )
         except SimulationDiverged as divergence:
             log.warning("check failed: %s", divergence)

@@ -11,6 +11,7 @@ from torch import Tensor
 from pcnclaws.errors import SimulationDiverged
 from pcnclaws.metrics import position_mse
 from pcnclaws.simulation.motion import MotionModel
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import start_of
 from pcnclaws.training.budget import WallClock
@@ -70,5 +71,5 @@ class OneStepModule(WatchedModule):
     def _error(self, record: SceneRecord) -> float:
         steps = record.frame_steps()
         every = math.gcd(*(int(step) for step in steps))
-        rollout = self.simulator.simulate([start_of(record)], int(steps[-1]), every)[0]
+        rollout = self.simulator.simulate([start_of(record)], FramePlan(int(steps[-1]), every))[0]
         return position_mse(rollout.position[steps // every], record.position)

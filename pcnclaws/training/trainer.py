@@ -42,6 +42,7 @@ def fit(
     data: CheckedDataModule,
     folder: Path,
     device: torch.device,
+    *,
     log_every: int = 10,
     console: Console | None = None,
     clock: WallClock | None = None,

@@ -17,6 +17,7 @@ from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.evaluation.tasks import evaluate_records
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.training.budget import WallClock
 from pcnclaws.training.one_step import OneStepModule
@@ -119,7 +120,7 @@ def test_an_untrained_simulator_keeps_the_velocity() -> None:
     bodies = recorded(1)
     model = gns(MATERIALS["elasticity"], SMALL)
     model.windows(bodies, 1, 1, 1e-5, 0)
-    run = model.simulate([starts(1)[0]], STEPS, EVERY)[0]
+    run = model.simulate([starts(1)[0]], FramePlan(STEPS, EVERY))[0]
     last = run.position[1] - run.position[0]
     np.testing.assert_allclose(np.diff(run.position, axis=0), np.broadcast_to(last, (8, 64, 3)), atol=1e-6)
     np.testing.assert_allclose(run.time, bodies[0].time)
@@ -178,10 +179,10 @@ def test_the_clock_ends_a_training_at_a_check_and_a_restart_adds_nothing(tmp_pat
 def test_what_it_cannot_do_is_said_in_one_line() -> None:
     model = simulator()
     with pytest.raises(UserError, match=r"frames 0\.002 s apart are not accepted.*multiples of 0\.005 s"):
-        model.simulate([starts(1)[0]], 4, 2)
+        model.simulate([starts(1)[0]], FramePlan(4, 2))
     model.change_unit.fill_(math.inf)
     with pytest.raises(SimulationDiverged, match="scene 'body_0' diverged"):
-        model.simulate([starts(1)[0]], STEPS, EVERY)
+        model.simulate([starts(1)[0]], FramePlan(STEPS, EVERY))
     with pytest.raises(UserError, match=r"model\.width=0"):
         gns(MATERIALS["sand"], SMALL | {"width": 0})
     record = recorded(1)[0]

@@ -88,12 +88,12 @@ def test_a_batch_is_the_whole_motion_restarted_from_recorded_states() -> None:
     data = SegmentDataset([scene], SegmentPlan(3, None, first=15, last=20))
     first, last = data[0], data[2]
     assert first.steps == 15
-    assert first.scenes.scene_count == 4  # from steps 0, 10, 20 and 30: no gap between them
+    assert first.start.scenes.scene_count == 4  # from steps 0, 10, 20 and 30: no gap between them
     assert last.steps == 20
-    assert last.scenes.scene_count == 2
+    assert last.start.scenes.scene_count == 2
     assert bool(torch.isnan(first.target[-1, :, 3 * 64 :]).all())  # 5 steps beyond the end of the motion
     assert not bool(torch.isnan(first.target[:, :, : 3 * 64]).any())
-    assert torch.equal(first.state.position, data[0].state.position)
+    assert torch.equal(first.start.state.position, data[0].start.state.position)
 
 
 def test_segments_grow_by_a_cosine() -> None:

@@ -27,7 +27,9 @@ from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.parameters import compression_wave_speed
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.simulation.scenes import SceneStart, batch_scenes, simulator_of
+from pcnclaws.simulation.batch import batch_scenes
+from pcnclaws.simulation.scenes import SceneStart
+from pcnclaws.simulation.simulator import simulator_of
 from pcnclaws.simulation.time_step import check_time_step, largest_speed, scene_cfl, stable_cfl, time_step_limit
 
 CPU = torch.device("cpu")

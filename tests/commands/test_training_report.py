@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import torch
 from recorded_scenes import recorded, small_cube
 from rich.console import Console
 
@@ -13,7 +12,7 @@ from pcnclaws.commands.training_report import Report, write_report
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
-from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.execution import Execution
 from pcnclaws.training.callbacks import BestWeights, History
 from pcnclaws.training.sources import TrainingScenes
 from pcnclaws.training.trainer import FitResult
@@ -29,10 +28,11 @@ def test_a_test_scene_that_diverges_is_noted_and_the_results_are_kept(tmp_path: 
     scenes = TrainingScenes([record], [record], [record, falls], MATERIALS["sand"].ranges)
     notes = {"material": "sand", "regime": "multi_scene", "positions_only": False, "iterations": 1}
     fitted = FitResult(History(), BestWeights(laws), 0)
-    report = Report(tmp_path, scenes, fitted, notes, laws, laws, 0.0, Skips())
+    results = {"untrained": laws, "trained": laws, "started": 0.0, "execution": Execution()}
+    report = Report(tmp_path, scenes, fitted, notes, **results)
     console = Console(width=120)
     with console.capture() as said:
-        write_report(report, torch.device("cpu"), torch.float32, 0, pictures=True, console=console)
+        write_report(report, 0, pictures=True, console=console)
     found = json.loads((tmp_path / "metrics.json").read_text())
     inside, out = found["scenes"]
     assert (inside["mse"], out["mse"], found["mse"]) == (0.0, None, 0.0)

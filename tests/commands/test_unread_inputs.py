@@ -22,8 +22,9 @@ from pcnclaws.generate import generate
 from pcnclaws.laws.materials import material_named
 from pcnclaws.observe import observe
 from pcnclaws.simulate import simulate
+from pcnclaws.simulation.batch import batch_scenes
 from pcnclaws.simulation.records import Keyframes, SceneRecord
-from pcnclaws.simulation.scenes import SceneStart, batch_scenes, start_of
+from pcnclaws.simulation.scenes import SceneStart, start_of
 from pcnclaws.simulation.time_step import scene_cfl
 from pcnclaws.train import train
 

@@ -26,9 +26,7 @@ def records() -> list[SceneRecord]:
 
 def simulated(batch: SegmentBatch) -> torch.Tensor:
     simulator = Simulator(FixedCorotated(), None, MPMIntegrator(SETTINGS))
-    return differentiable_rollout(
-        simulator, batch.state, batch.scenes, batch.parameters, batch.steps, batch.every, recompute=False
-    )
+    return differentiable_rollout(simulator, batch.start, batch.steps, batch.every, recompute=False)
 
 
 @pytest.mark.parametrize("start", ["keyframes", "initial"])
@@ -43,15 +41,17 @@ def test_the_law_of_the_recording_meets_every_target(records: list[SceneRecord],
 def test_a_batch_depends_on_seed_and_iteration_alone(records: list[SceneRecord]) -> None:
     plan = SegmentPlan(20, 4, first=10, last=30)
     first, again = SegmentDataset(records, plan)[7], SegmentDataset(records, plan)[7]
-    assert torch.equal(first.state.position, again.state.position)
+    assert torch.equal(first.start.state.position, again.start.state.position)
     assert torch.equal(first.target, again.target)
-    assert not torch.equal(first.state.position, SegmentDataset(records, plan)[8].state.position)
-    assert not torch.equal(first.state.position, SegmentDataset(records, replace(plan, seed=1))[7].state.position)
+    assert not torch.equal(first.start.state.position, SegmentDataset(records, plan)[8].start.state.position)
+    assert not torch.equal(
+        first.start.state.position, SegmentDataset(records, replace(plan, seed=1))[7].start.state.position
+    )
 
 
 def test_every_scene_is_used_before_one_comes_again(records: list[SceneRecord]) -> None:
     batch = SegmentDataset(records, SegmentPlan(20, 3, first=10, last=10))[0]
-    assert len(batch.parameters["youngs_modulus"].unique()) == 3
+    assert len(batch.start.parameters["youngs_modulus"].unique()) == 3
 
 
 def test_segments_grow_by_half_a_cosine_in_whole_frames() -> None:
@@ -76,7 +76,7 @@ def test_positions_only_starts_never_read_a_keyframe(records: list[SceneRecord])
     without = [replace(record, keyframes=None, velocity=None) for record in records]
     plan = SegmentPlan(5, 2, "initial", first=20, last=40)
     a, b = SegmentDataset(records, plan)[3], SegmentDataset(without, plan)[3]
-    assert torch.equal(a.state.deformation, b.state.deformation)
+    assert torch.equal(a.start.state.deformation, b.start.state.deformation)
     assert torch.equal(a.target, b.target)
 
 
@@ -129,10 +129,10 @@ def test_the_relative_loss_weighs_each_segment_by_its_motion() -> None:
 
 def test_unstressed_positions_are_those_of_the_discrete_free_fall(records: list[SceneRecord]) -> None:
     batch = SegmentDataset(records, SegmentPlan(1, 3, first=20, last=20))[0]
-    position, velocity = batch.state.position.clone(), batch.state.velocity.clone()
-    found = unstressed_positions(batch.state, batch.scenes, SETTINGS.time_step, range(5, 21, 5))
+    position, velocity = batch.start.state.position.clone(), batch.start.state.velocity.clone()
+    found = unstressed_positions(batch.start.state, batch.start.scenes, SETTINGS.time_step, range(5, 21, 5))
     for step in range(1, 21):
-        velocity = velocity + SETTINGS.time_step * batch.scenes.gravity[:, batch.scenes.scene_index]
+        velocity = velocity + SETTINGS.time_step * batch.start.scenes.gravity[:, batch.start.scenes.scene_index]
         position = position + SETTINGS.time_step * velocity
         if step % 5 == 0:
             torch.testing.assert_close(found[step // 5 - 1], position, rtol=0.0, atol=1e-6)

@@ -19,7 +19,8 @@ from pcnclaws.geometry.velocity_gradients import spin_gradient
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.parameters import PARAMETERS, POISSONS_RATIO, YOUNGS_MODULUS
-from pcnclaws.simulation.scenes import simulate_records
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 
 # PyTorch warns of its own use of torch.jit when it loads forward mode
 pytestmark = pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")
@@ -244,7 +245,7 @@ def test_a_guess_that_is_too_stiff_for_the_time_step_is_softened_until_it_runs()
 def test_the_calibrated_error_covers_the_differences_that_it_was_made_from() -> None:
     scenes = [start("elasticity", youngs_modulus=modulus) for modulus in (8e4, 1.2e5, 1.6e5)]
     laws = analytic_laws(MATERIALS["elasticity"])
-    records = simulate_records(scenes, laws, 120, 10)
+    records = simulate_records(scenes, laws, FramePlan(120, 10))
     exact = calibrated_error(MATERIALS["elasticity"], laws, records)
     assert exact["law_error"] < 1e-6
     assert exact["objects"] == 3

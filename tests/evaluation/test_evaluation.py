@@ -22,6 +22,7 @@ from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.provenance import provenance
 from pcnclaws.rendering.comparison_sheet import Pair
+from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.records import SceneRecord
 
 ANALYTIC = analytic_laws(MATERIALS["sand"])
@@ -73,7 +74,7 @@ def test_scenes_of_different_lengths_and_settings_are_evaluated_together(records
     finer = recorded(fine, steps=12, every=3, keyframe_every=0)[0]
     mixed = [finer, frames(records[1], [0, 2, 5]), records[0]]
     done: list[int] = []
-    results = evaluate_records(mixed, ANALYTIC, progress=done.append)
+    results = evaluate_records(mixed, ANALYTIC, Execution(progress=done.append))
     assert [result.name for result in results] == ["fine", "b", "a"]
     assert [result.mse for result in results] == pytest.approx([0.0, 0.0, 0.0], abs=1e-14)
     assert sum(done) == steps_to_run(mixed)

@@ -27,7 +27,9 @@ from pcnclaws.laws.parameters import validate_parameters
 from pcnclaws.metrics import object_size
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.rendering.maps import MapAxis, cell_edges
+from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.placement import require_inside
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.time_step import largest_speed, scene_cfl, stable_cfl
@@ -62,7 +64,12 @@ def spin_of(start: SceneStart) -> np.ndarray:
 def test_every_scene_of_every_task_can_be_simulated(task: str, material: str) -> None:
     found = builtin_task(task, MATERIALS[material])
     assert len({start.name for start in found.starts}) == len(found.starts) >= 3
-    assert found.steps % found.every == found.steps % found.keyframe_every == found.keyframe_every % found.every == 0
+    assert (
+        found.plan.steps % found.plan.every
+        == found.plan.steps % found.plan.keyframe_every
+        == found.plan.keyframe_every % found.plan.every
+        == 0
+    )
     for start in found.starts:
         assert set(start.name) <= set("abcdefghijklmnopqrstuvwxyzETUY0123456789._-")
         validate_parameters(start.parameters, MATERIALS[material].parameter_names)
@@ -72,7 +79,7 @@ def test_every_scene_of_every_task_can_be_simulated(task: str, material: str) ->
 
 def test_the_long_term_is_twice_the_training() -> None:
     long, training = (builtin_task(name, MATERIALS["sand"]) for name in ("long_term", "reconstruction"))
-    assert long.steps == 2 * training.steps == 1000
+    assert long.plan.steps == 2 * training.plan.steps == 1000
     for one, other in zip(long.starts, training.starts, strict=True):
         assert one.parameters == other.parameters
         np.testing.assert_array_equal(one.velocity, other.velocity)
@@ -108,7 +115,7 @@ def test_unseen_motions_are_no_motions_of_the_training_and_two_are_faster_than_a
 def test_a_law_of_one_scene_is_tested_on_the_motion_of_that_scene_alone(task: str) -> None:
     whole, own = (builtin_task(task, MATERIALS["sand"], scene) for scene in (None, "train-03"))
     assert [start.name for start in own.starts] == ["train-03"]
-    assert own.steps == whole.steps
+    assert own.plan == whole.plan
     np.testing.assert_array_equal(own.starts[0].velocity, whole.starts[3].velocity)
 
 
@@ -139,7 +146,7 @@ def test_the_resolution_is_finer_at_the_same_times() -> None:
     assert len(finer.starts[0].position) == 16**3
     assert [start.name for start in finer.starts] == [start.name for start in standard.starts]
     for name in ("steps", "every", "keyframe_every"):
-        assert getattr(finer, name) == 2 * getattr(standard, name)
+        assert getattr(finer.plan, name) == 2 * getattr(standard.plan, name)
 
 
 @pytest.mark.parametrize("material", ["elasticity", "plasticine", "sand"])
@@ -158,8 +165,8 @@ def test_the_map_reaches_far_beyond_the_ranges_with_one_comfortable_time_step(ma
     assert parts == pytest.approx(round(parts))
     assert highest < 0.4
     assert round(parts) == 1 or highest * parts / (round(parts) - 1) >= 0.4, "no shorter than needed"
-    assert found.every * settings.time_step == pytest.approx(2.5e-3)
-    assert found.steps * settings.time_step == pytest.approx(0.25)
+    assert found.plan.every * settings.time_step == pytest.approx(2.5e-3)
+    assert found.plan.steps * settings.time_step == pytest.approx(0.25)
 
 
 def test_the_energy_error_is_none_of_a_law_that_is_right_and_some_of_another(record: SceneRecord) -> None:
@@ -207,7 +214,7 @@ def test_keyframes_between_the_frames_are_met_too(record: SceneRecord) -> None:
 
 def test_the_floor_is_that_of_rounding_and_of_the_time_step(record: SceneRecord) -> None:
     done: list[int] = []
-    found = floor([record], progress=done.append)
+    found = floor([record], Execution(progress=done.append))
     assert found["float64"] is not None
     assert found["half_step"] is not None
     assert 0.0 < found["float64"] < 1e-10 < found["half_step"] < 1e-5
@@ -235,13 +242,15 @@ def test_a_scene_that_diverges_does_not_end_the_others(record: SceneRecord) -> N
 
 def small_map(points: int = 2, steps: int = 40) -> BuiltinTask:
     settings = map_settings(SAND_PLAN.material, SAND_PLAN, points)
-    return BuiltinTask(map_starts(SAND_PLAN.material, SAND_PLAN, settings, points), steps, 10, 20, True)
+    return BuiltinTask(
+        map_starts(SAND_PLAN.material, SAND_PLAN, settings, points), FramePlan(steps, 10, 20), may_diverge=True
+    )
 
 
 def test_a_small_map_from_the_truth_to_the_picture(tmp_path: Path) -> None:
     task = small_map()
     done: list[int] = []
-    truth = true_records(task, SAND_PLAN.material, progress=done.append)
+    truth = true_records(task, SAND_PLAN.material, Execution(progress=done.append))
     assert sum(done) == task.work == 12
     records = [scene for scene in truth if isinstance(scene, SceneRecord)]
     outcomes = evaluate_records(records, softer_sand())

@@ -15,7 +15,9 @@ from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulate import simulate
 from pcnclaws.simulation.particle_spacing import particle_spacing, particles_a_cell
-from pcnclaws.simulation.scenes import SceneStart, simulate_records
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
+from pcnclaws.simulation.scenes import SceneStart
 
 
 def test_a_lattice_of_centres_has_the_mass_distribution_of_the_cube() -> None:
@@ -43,7 +45,7 @@ def test_a_free_bar_vibrates_with_the_period_of_its_length(lattice: str, within:
     velocity[:, 0] = 0.05 * shape
     parameters = {"youngs_modulus": 1000.0 * speed**2, "poissons_ratio": 0.0}
     start = SceneStart("bar", "elasticity", settings, parameters, bar.position, velocity, bar.volume)
-    (record,) = simulate_records([start], analytic_laws(MATERIALS["elasticity"]), 180, 2)
+    (record,) = simulate_records([start], analytic_laws(MATERIALS["elasticity"]), FramePlan(180, 2))
     amplitude = (record.position[:, :, 0] - record.position[0, :, 0]) @ shape
     down = int(np.flatnonzero((amplitude[1:-1] > 0.0) & (amplitude[2:] <= 0.0))[0]) + 1
     share = amplitude[down] / (amplitude[down] - amplitude[down + 1])

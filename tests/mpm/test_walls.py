@@ -16,7 +16,9 @@ from pcnclaws.mpm.diagnostics import why_failing
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
 from pcnclaws.simulation.placement import require_inside
-from pcnclaws.simulation.scenes import SceneStart, simulate_records
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
+from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.time_step import check_time_step, divergence_advice, time_step_limit
 
 PARAMETERS = {
@@ -32,7 +34,7 @@ def lowest_of_what_is_pressed_into_a_corner(material: str, settings: SimulationS
     position = settings.wall_distance + np.stack(np.meshgrid(edge, edge, edge, indexing="ij"), axis=-1).reshape(-1, 3)
     velocity = np.tile([-2.0, -4.0, -1.5], (125, 1))
     start = SceneStart("cube", material, settings, PARAMETERS[material], position, velocity, np.full(125, 0.05**3))
-    record = simulate_records([start], analytic_laws(MATERIALS[material]), 400, 10)[0]
+    record = simulate_records([start], analytic_laws(MATERIALS[material]), FramePlan(400, 10))[0]
     return float(record.position.min())
 
 

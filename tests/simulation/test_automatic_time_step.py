@@ -14,6 +14,7 @@ from pcnclaws.evaluation.frames import in_automatic_time_step
 from pcnclaws.evaluation.tasks import evaluate_records, steps_to_run
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import start_of
 from pcnclaws.simulation.time_step import COMFORTABLE_CFL, largest_speed, scene_cfl
@@ -57,7 +58,7 @@ def test_frames_between_the_steps_take_the_longest_step(records: list[SceneRecor
 def test_the_motion_is_the_same_but_for_the_error_of_the_step(records: list[SceneRecord]) -> None:
     own = [in_automatic_time_step(record) for record in records]
     assert steps_to_run(own[:1]) < steps_to_run(records[:1])
-    for result in evaluate_records(own, analytic_laws(MATERIALS["elasticity"]), torch.float64):
+    for result in evaluate_records(own, analytic_laws(MATERIALS["elasticity"]), Execution(torch.float64)):
         assert 1e-14 < result.mse < (2e-3) ** 2, result.name
 
 

@@ -7,9 +7,9 @@ from benchmarks.cases import Case, Prepared
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.errors import SimulationDiverged
 from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.rollout import differentiable_rollout, simulate_scenes, state_after
-from pcnclaws.simulation.scenes import SceneBatch
 from pcnclaws.simulation.simulator import Simulator
 
 pytestmark = [
@@ -36,8 +36,8 @@ def gradients(simulator: Simulator, batch: SceneBatch, stiffer: float = 1.0) -> 
     velocity = batch.state.velocity.clone().requires_grad_()
     parameters = {name: values.clone().requires_grad_() for name, values in batch.parameters.items()}
     stiff = parameters | {"youngs_modulus": stiffer * parameters["youngs_modulus"]}
-    state = batch.state._replace(velocity=velocity)
-    positions = differentiable_rollout(simulator, state, batch.scenes, stiff, 20, 5)
+    asked = batch._replace(state=batch.state._replace(velocity=velocity), parameters=stiff)
+    positions = differentiable_rollout(simulator, asked, 20, 5)
     weighted = (positions * torch.linspace(0.0, 1.0, positions.shape[-1]).to(positions)).sum()
     wanted = [velocity, *parameters.values(), *simulator.parameters()]
     return [positions.detach(), *torch.autograd.grad(weighted, wanted, materialize_grads=True)]
@@ -51,7 +51,7 @@ def test_recorded_simulation_equals_pytorch_and_the_cpu(material: str, laws: str
     for device, backend in (("cuda", "auto"), ("cuda", "torch"), ("cpu", "torch")):
         simulator, batch = prepared(material, laws, device=device)
         with using_backend(backend):
-            trajectory = simulate_scenes(simulator, *batch[:3], FramePlan(60, 7, 20))
+            trajectory = simulate_scenes(simulator, batch, FramePlan(60, 7, 20))
         found.append([field.cpu() for field in (trajectory.position, trajectory.deformation, trajectory.affine)])
     for other in found[1:]:
         for here, there in zip(found[0], other, strict=True):
@@ -74,8 +74,8 @@ def test_batches_that_share_a_recording_keep_their_own_backward_pass() -> None:
     alone = gradients(simulator, batch)
     parameters = {name: values.clone().requires_grad_() for name, values in batch.parameters.items()}
     velocity = batch.state.velocity.clone().requires_grad_()
-    rollout = (simulator, batch.state._replace(velocity=velocity), batch.scenes, parameters, 20, 5)
-    positions = differentiable_rollout(*rollout)
+    asked = batch._replace(state=batch.state._replace(velocity=velocity), parameters=parameters)
+    positions = differentiable_rollout(simulator, asked, 20, 5)
     gradients(simulator, batch, 1.3)  # in between
     weighted = (positions * torch.linspace(0.0, 1.0, positions.shape[-1]).to(positions)).sum()
     found = torch.autograd.grad(weighted, [velocity, *parameters.values()])
@@ -87,11 +87,11 @@ def test_batches_that_share_a_recording_keep_their_own_backward_pass() -> None:
 def test_nothing_in_a_step_waits_for_the_host(backend: str) -> None:
     simulator, batch = prepared("sand", "neural")
     with using_backend(backend):
-        after = state_after(simulator, *batch[:3], 10)  # records
+        after = state_after(simulator, batch, 10)  # records
         torch.cuda.synchronize()
         torch.cuda.set_sync_debug_mode("error")
         try:
-            again = state_after(simulator, *batch[:3], 10)
+            again = state_after(simulator, batch, 10)
         finally:
             torch.cuda.set_sync_debug_mode("default")
     assert (after.position - again.position).abs().max() <= 1e-9
@@ -99,11 +99,11 @@ def test_nothing_in_a_step_waits_for_the_host(backend: str) -> None:
 
 def test_a_divergence_is_found_at_its_step() -> None:
     simulator, batch = prepared("elasticity", "analytic")
-    fast = batch.state._replace(velocity=batch.state.velocity * 200.0)
+    fast = batch._replace(state=batch.state._replace(velocity=batch.state.velocity * 200.0))
     messages = []
     for backend in ("auto", "torch"):
         with using_backend(backend), pytest.raises(SimulationDiverged) as failure:
-            simulate_scenes(simulator, fast, batch.scenes, batch.parameters, FramePlan(60, 20))
+            simulate_scenes(simulator, fast, FramePlan(60, 20))
         messages.append(str(failure.value))
     assert messages[0] == messages[1]
     assert "diverged at step" in messages[0]

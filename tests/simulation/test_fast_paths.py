@@ -23,10 +23,12 @@ from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.plasticity import NoPlasticity
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulate import simulate
+from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.rollout import differentiable_rollout
-from pcnclaws.simulation.scenes import simulate_records, simulator_of
+from pcnclaws.simulation.simulator import simulator_of
 from pcnclaws.tensor_types import Matrices, Parameters
 from pcnclaws.training.module import OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
@@ -109,7 +111,7 @@ def test_a_purely_elastic_material_has_no_plastic_law_unless_asked() -> None:
 def test_velocities_and_strains_are_kept_only_where_they_are_asked_for() -> None:
     cube = small_cube()
     laws = analytic_laws(MATERIALS["sand"])
-    plain, asked = (simulate_records([cube], laws, 20, 5, velocities=wanted)[0] for wanted in (False, True))
+    plain, asked = (simulate_records([cube], laws, FramePlan(20, 5, velocities=wanted))[0] for wanted in (False, True))
     assert plain.velocity is None
     assert plain.keyframes is None
     assert asked.velocity is not None
@@ -123,7 +125,7 @@ def test_velocities_and_strains_are_kept_only_where_they_are_asked_for() -> None
 
 def test_keyframes_are_full_states_without_velocities_at_the_frames() -> None:
     (record,), (with_velocity,) = (
-        simulate_records([small_cube()], analytic_laws(MATERIALS["sand"]), 20, 5, 10, velocities=wanted)
+        simulate_records([small_cube()], analytic_laws(MATERIALS["sand"]), FramePlan(20, 5, 10, velocities=wanted))
         for wanted in (False, True)
     )
     assert record.keyframes is not None
@@ -153,7 +155,8 @@ class Listening(Elasticity):
 def test_a_graph_is_recorded_only_with_the_switch_off(graph: bool) -> None:
     law = Listening()
     cube = small_cube(material="elasticity")
-    simulate_records([cube], Laws(law, None), 10, 5, skips=replace(ON, graph=graph, free_fall=False))
+    asked = Execution(skips=replace(ON, graph=graph, free_fall=False))
+    simulate_records([cube], Laws(law, None), FramePlan(10, 5), asked)
     assert law.recorded == {not graph}
 
 
@@ -172,9 +175,9 @@ def test_frozen_weights_get_gradients_only_with_the_switch_off() -> None:
     asked = LANDING._replace(parameters=LANDING.parameters | {"youngs_modulus": stiffness})
     gradients = []
     for skips in (ON, replace(ON, weight_gradients=False)):
-        (gradient,) = torch.autograd.grad(differentiable_rollout(frozen, *asked, 40, 40, skips=skips).sum(), stiffness)
+        (gradient,) = torch.autograd.grad(differentiable_rollout(frozen, asked, 40, 40, skips=skips).sum(), stiffness)
         gradients.append(gradient)
-        nothing_asked = differentiable_rollout(frozen, *LANDING, 5, 5, skips=skips)
+        nothing_asked = differentiable_rollout(frozen, LANDING, 5, 5, skips=skips)
         assert nothing_asked.requires_grad is not skips.weight_gradients
     assert gradients[0].abs().max() > 0.0
     torch.testing.assert_close(*gradients, rtol=1e-12, atol=0.0)
@@ -184,7 +187,7 @@ def test_frozen_weights_get_gradients_only_with_the_switch_off() -> None:
 def test_an_evaluation_is_the_same_with_the_switches_off() -> None:
     records = recorded(small_cube("a"), small_cube("b", velocity=(0.0, -1.0, 1.0)))
     laws = analytic_laws(MATERIALS["sand"])
-    kept, computed = (evaluate_records(records, laws, torch.float64, skips=skips) for skips in (ON, OFF))
+    kept, computed = (evaluate_records(records, laws, Execution(torch.float64, skips=skips)) for skips in (ON, OFF))
     for a, b in zip(kept, computed, strict=True):
         np.testing.assert_allclose(a.predicted.position, b.predicted.position, atol=1e-7)
 

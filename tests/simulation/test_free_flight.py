@@ -15,9 +15,12 @@ from pcnclaws.geometry.shapes import spin_velocity
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import SceneStart, simulate_records
+from pcnclaws.simulation.scenes import SceneStart
 
 LAWS = analytic_laws(MATERIALS["elasticity"])
 # The first two reach the floor, the third one does not.
@@ -33,7 +36,7 @@ def spinning(start: SceneStart, spin: float) -> SceneStart:
 
 def recorded_without_help(scenes: Sequence[SceneStart], steps: int = STEPS) -> list[SceneRecord]:
     """Motions of which every step is computed, in single precision."""
-    return simulate_records(scenes, LAWS, steps, EVERY, skips=Skips.none())
+    return simulate_records(scenes, LAWS, FramePlan(steps, EVERY), Execution(skips=Skips.none()))
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +84,7 @@ def test_scenes_are_drawn_from_the_step_on_that_ends_their_free_flight(falls: li
     batches = [dataset[iteration] for iteration in range(40)]
     assert batches[0].steps == early, "longer than planned: shorter ones would show nothing"
     assert batches[-1].steps == STEPS
-    drawn = {(batch.steps, round(float(batch.parameters["youngs_modulus"][0]))) for batch in batches}
+    drawn = {(batch.steps, round(float(batch.start.parameters["youngs_modulus"][0]))) for batch in batches}
     moduli = [round(fall.parameters["youngs_modulus"]) for fall in falls]
     assert {modulus for steps, modulus in drawn if steps < late} == {moduli[0]}
     assert {modulus for steps, modulus in drawn if steps >= late} == set(moduli[:2])
@@ -117,10 +120,10 @@ def test_a_training_of_free_flight_alone_is_refused_with_the_length_that_would_d
 
 
 def test_segments_from_keyframes_are_drawn_from_the_whole_motion() -> None:
-    high = simulate_records([lifted(starts(1)[0], 0.1)], LAWS, 120, EVERY, keyframe_every=10)
+    high = simulate_records([lifted(starts(1)[0], 0.1)], LAWS, FramePlan(120, EVERY, keyframe_every=10))
     assert free_flight(high[0]) is not None
     dataset = SegmentDataset(high, SegmentPlan(40, 1, first=10, last=10))
-    moving = {round(float(dataset[iteration].state.velocity[1].mean()), 2) for iteration in range(40)}
+    moving = {round(float(dataset[iteration].start.state.velocity[1].mean()), 2) for iteration in range(40)}
     assert len(moving) > 8, "free fall included"
     assert dataset.notes == ()
 

@@ -10,7 +10,10 @@ from pcnclaws.compiled.isotropic_laws import fallbacks
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import material_named
 from pcnclaws.mpm.settings import SimulationSettings
-from pcnclaws.simulation.scenes import SceneStart, simulate_records
+from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
+from pcnclaws.simulation.scenes import SceneStart
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="needs a C++ compiler")
 HALF_CELL = 0.025
@@ -56,10 +59,10 @@ def test_kernels_drop_every_body_as_pytorch_does(material: str, name: str, dtype
 
 def _compare(name: str, material: str, dtype: torch.dtype, steps: int) -> None:
     start, laws, before = _start(name, material), analytic_laws(material_named(material)), fallbacks()
-    found = simulate_records([start], laws, steps, 5, dtype=dtype, velocities=True)[0]
+    found = simulate_records([start], laws, FramePlan(steps, 5, velocities=True), Execution(dtype=dtype))[0]
     assert fallbacks() == before  # no strain of these scenes is far from 0
     with using_backend("torch"):
-        expected = simulate_records([start], laws, steps, 5, dtype=dtype, velocities=True)[0]
+        expected = simulate_records([start], laws, FramePlan(steps, 5, velocities=True), Execution(dtype=dtype))[0]
     assert np.abs(found.position - expected.position).max() < TOLERANCES[dtype]
     assert found.velocity is not None
     assert np.abs(found.velocity).max() < 5.0  # the fall of 0.5 m: 3.1 m/s

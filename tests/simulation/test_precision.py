@@ -20,8 +20,10 @@ from pcnclaws.geometry.shapes import particles
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.observe import observe
+from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import Keyframes, SceneRecord
-from pcnclaws.simulation.scenes import simulate_records
 
 TYPES = {"float32": torch.float32, "float64": torch.float64}
 
@@ -37,7 +39,9 @@ def arrays_of(record: SceneRecord) -> dict[str, np.ndarray]:
 @pytest.fixture(scope="module", params=list(TYPES))
 def record(request: pytest.FixtureRequest) -> SceneRecord:
     laws = analytic_laws(MATERIALS["sand"])
-    return simulate_records([small_cube(request.param)], laws, 30, 5, 10, TYPES[request.param], velocities=True)[0]
+    return simulate_records(
+        [small_cube(request.param)], laws, FramePlan(30, 5, 10, velocities=True), Execution(TYPES[request.param])
+    )[0]
 
 
 def test_records_and_their_files_have_the_precision_of_the_run(record: SceneRecord, tmp_path: Path) -> None:

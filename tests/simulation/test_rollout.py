@@ -14,6 +14,7 @@ from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
+from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.rollout import differentiable_rollout, simulate
 from pcnclaws.simulation.simulator import Simulator
 
@@ -58,7 +59,9 @@ def loss_and_gradients(material: str, recompute: bool) -> list[torch.Tensor]:
     values = per_particle(MATERIALS[material].defaults, PARTICLES)
     parameters = {name: value.requires_grad_() for name, value in values.items()}
     simulator = analytic_simulator(material, SimulationSettings())
-    positions = differentiable_rollout(simulator, fields, scenes, parameters, 12, every=6, recompute=recompute)
+    positions = differentiable_rollout(
+        simulator, SceneBatch(fields, scenes, parameters), 12, every=6, recompute=recompute
+    )
     assert positions.shape == (2, 3, PARTICLES)
     loss = (positions - 0.4).square().mean()
     return [loss, *torch.autograd.grad(loss, [*fields, *parameters.values()])]
@@ -77,7 +80,7 @@ def test_weights_that_change_before_the_backward_pass_are_noticed() -> None:
     parameters = per_particle(MATERIALS["sand"].defaults, PARTICLES)
     for recompute in (True, False):
         positions = differentiable_rollout(
-            simulator, small_body(height=0.2), small_scene(), parameters, 3, recompute=recompute
+            simulator, SceneBatch(small_body(height=0.2), small_scene(), parameters), 3, recompute=recompute
         )
         with torch.no_grad():
             next(simulator.parameters()).mul_(1.5)
@@ -90,7 +93,7 @@ def test_a_differentiable_rollout_goes_where_the_simulation_goes() -> None:
     simulator = analytic_simulator("plasticine", SimulationSettings())
     parameters = per_particle(MATERIALS["plasticine"].defaults, PARTICLES)
     step = simulator.step_function(scenes, parameters)
-    positions = differentiable_rollout(simulator, state, scenes, parameters, 20, every=5)
+    positions = differentiable_rollout(simulator, SceneBatch(state, scenes, parameters), 20, every=5)
     assert torch.equal(positions, simulate(step, state, scenes, 20, every=5).position[1:])
 
 
@@ -102,7 +105,12 @@ def test_the_gradient_of_a_rollout_with_contact_is_that_of_finite_differences(ma
     def mean_height(log_factor: torch.Tensor) -> torch.Tensor:
         parameters = defaults | {"youngs_modulus": defaults["youngs_modulus"] * log_factor.exp()}
         simulator = analytic_simulator(material, SimulationSettings())
-        return 1e3 * differentiable_rollout(simulator, state, scenes, parameters, 25, every=25)[0, 1].square().mean()
+        return (
+            1e3
+            * differentiable_rollout(simulator, SceneBatch(state, scenes, parameters), 25, every=25)[0, 1]
+            .square()
+            .mean()
+        )
 
     start = torch.zeros((), dtype=torch.float64, requires_grad=True)
     (gradient,) = torch.autograd.grad(mean_height(start), start)
@@ -122,6 +130,7 @@ from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
+from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.rollout import differentiable_rollout
 
 def peak():
@@ -138,7 +147,7 @@ parameters = per_particle(MATERIALS["sand"].defaults, 1000, torch.float32)
 parameters["youngs_modulus"].requires_grad_()
 simulator = analytic_simulator("sand", SimulationSettings())
 before = peak()
-differentiable_rollout(simulator, state, scenes, parameters, {steps}, every=5).square().mean().backward()
+differentiable_rollout(simulator, SceneBatch(state, scenes, parameters), {steps}, every=5).square().mean().backward()
 assert torch.isfinite(parameters["youngs_modulus"].grad).all()
 print(peak() - before)
 """

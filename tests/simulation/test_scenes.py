@@ -12,16 +12,13 @@ from pcnclaws.geometry.shapes import particles, spin_velocity
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import material_named
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.batch import batch_scenes
+from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.layout import join_positions, split_vectors
 from pcnclaws.simulation.placement import require_inside
-from pcnclaws.simulation.scenes import (
-    SceneStart,
-    batch_scenes,
-    group_by_settings,
-    join_positions,
-    simulate_records,
-    split_vectors,
-    start_of,
-)
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
+from pcnclaws.simulation.scenes import SceneStart, group_by_settings, start_of
 
 SETTINGS = SimulationSettings()
 
@@ -67,10 +64,10 @@ def test_scenes_that_cannot_share_a_batch_are_grouped() -> None:
 def test_scenes_of_different_settings_come_back_in_order_and_equal_to_separate_runs() -> None:
     laws = analytic_laws(material_named("sand"))
     starts = [_start("a"), _start("fine", replace(SETTINGS, grid_nodes=32)), _start("b", youngs_modulus=2e5)]
-    together = simulate_records(starts, laws, 20, 5, 10, torch.float64)
+    together = simulate_records(starts, laws, FramePlan(20, 5, 10), Execution(torch.float64))
     assert [record.name for record in together] == ["a", "fine", "b"]
     for start, record in zip(starts, together, strict=True):
-        alone = simulate_records([start], laws, 20, 5, 10, torch.float64)[0]
+        alone = simulate_records([start], laws, FramePlan(20, 5, 10), Execution(torch.float64))[0]
         np.testing.assert_allclose(record.position, alone.position, atol=1e-7)
         assert record.frame_steps().tolist() == [0, 5, 10, 15, 20]
         assert record.settings == start.settings
@@ -81,10 +78,10 @@ def test_scenes_of_different_settings_come_back_in_order_and_equal_to_separate_r
 
 def test_a_recording_goes_on_from_its_keyframe() -> None:
     laws = analytic_laws(material_named("sand"))
-    whole = simulate_records([_start("a")], laws, 40, 5, 20)[0]
+    whole = simulate_records([_start("a")], laws, FramePlan(40, 5, 20))[0]
     assert whole.keyframes is not None
     state = {name: getattr(whole.keyframes, name)[1] for name in ("position", "velocity", "affine", "deformation")}
-    rest = simulate_records([replace(_start("a"), **state)], laws, 20, 5)[0]
+    rest = simulate_records([replace(_start("a"), **state)], laws, FramePlan(20, 5))[0]
     np.testing.assert_array_equal(rest.position, whole.position[4:])
 
 
@@ -93,7 +90,7 @@ def test_a_scene_that_diverges_is_named() -> None:
     calm = replace(_start("calm", unstable), velocity=np.zeros((64, 3)))
     starts = [calm, _start("wild", unstable, youngs_modulus=1e9)]
     with pytest.raises(SimulationDiverged, match="scene 'wild' diverged at step"):
-        simulate_records(starts, analytic_laws(material_named("sand")), 100, 1)
+        simulate_records(starts, analytic_laws(material_named("sand")), FramePlan(100, 1))
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,9 @@ from pcnclaws.laws.materials import MATERIALS, material_named
 from pcnclaws.mpm.diagnostics import angular_momentum
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulate import simulate
-from pcnclaws.simulation.scenes import SceneStart, batch_scenes, simulator_of, start_of
+from pcnclaws.simulation.batch import batch_scenes
+from pcnclaws.simulation.scenes import SceneStart, start_of
+from pcnclaws.simulation.simulator import simulator_of
 
 FREE = "simulation.gravity=[0,0,0]"
 SPIN = (3.0, 5.0, -2.0)

@@ -1,0 +1,77 @@
+"""Flat ragged batch: the particles of all scenes concatenated, component-first, with the scene of each."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.simulation.layout import matrices_first, vectors_first
+from pcnclaws.simulation.scenes import SceneStart, group_by_settings
+
+
+class SceneBatch(NamedTuple):
+    """Scenes of the same settings as one flat batch; parameters by name, each (particles,).
+
+    names  of the scenes, for error messages; none: their numbers
+    """
+
+    state: ParticleState
+    scenes: Scenes
+    parameters: dict[str, Tensor]
+    names: tuple[str, ...] = ()
+
+    @property
+    def particle_counts(self) -> list[int]:
+        """Number of particles of each scene."""
+        return torch.bincount(self.scenes.scene_index, minlength=self.scenes.scene_count).tolist()
+
+
+def batch_scenes(
+    starts: Sequence[SceneStart], dtype: torch.dtype = torch.float32, device: str | torch.device = "cpu"
+) -> SceneBatch:
+    """Scenes as one flat batch. Gravity and density may differ between them, the other settings may not.
+
+    raises  ValueError when the scenes cannot share a batch
+    """
+    if not starts or len(group_by_settings(starts)) != 1:
+        raise ValueError("a batch needs one or more scenes with the same settings")
+    of_particles = [start.of_particles() for start in starts]
+    names = set(of_particles[0])
+    if any(set(values) != names for values in of_particles):
+        raise ValueError("the scenes of a batch need the same parameters")
+
+    def tensor(values: np.ndarray) -> Tensor:
+        return torch.tensor(values, dtype=dtype, device=device)
+
+    counts = [len(start.position) for start in starts]
+    index = np.repeat(np.arange(len(starts)), counts)
+    volume = np.concatenate([start.volume for start in starts]).astype(np.float64)
+    density = np.concatenate(
+        [
+            np.full(count, start.settings.density) if start.density is None else start.density.astype(np.float64)
+            for start, count in zip(starts, counts, strict=True)
+        ]
+    )
+    state = ParticleState(
+        tensor(vectors_first(np.concatenate([start.position for start in starts]))),
+        tensor(vectors_first(np.concatenate([start.velocity for start in starts]))),
+        tensor(_matrices_first(starts, "affine", np.zeros((3, 3)))),
+        tensor(_matrices_first(starts, "deformation", np.eye(3))),
+    )
+    gravity = tensor(vectors_first(np.array([start.settings.gravity for start in starts])))
+    scene_index = torch.tensor(index, dtype=torch.int64, device=device)
+    scenes = Scenes(scene_index, tensor(density * volume), tensor(volume), gravity)
+    parameters = {name: tensor(np.concatenate([values[name] for values in of_particles])) for name in sorted(names)}
+    return SceneBatch(state, scenes, parameters, tuple(start.name for start in starts))
+
+
+def _matrices_first(starts: Sequence[SceneStart], name: str, missing: np.ndarray) -> np.ndarray:
+    values = [getattr(start, name) for start in starts]
+    filled = [
+        np.broadcast_to(missing, (len(start.position), 3, 3)) if value is None else value
+        for start, value in zip(starts, values, strict=True)
+    ]
+    return matrices_first(np.concatenate(filled))

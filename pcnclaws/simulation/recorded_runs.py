@@ -1,0 +1,72 @@
+"""Simulation of scenes with laws, and what is recorded of it."""
+
+import copy
+from collections.abc import Sequence
+
+import numpy as np
+
+from pcnclaws.laws.analytic import Laws
+from pcnclaws.simulation.batch import SceneBatch, batch_scenes
+from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
+from pcnclaws.simulation.layout import split_matrices, split_vectors
+from pcnclaws.simulation.recording import FramePlan, Trajectory
+from pcnclaws.simulation.records import Keyframes, SceneRecord
+from pcnclaws.simulation.rollout import simulate_scenes
+from pcnclaws.simulation.scenes import SceneStart, group_by_settings
+from pcnclaws.simulation.simulator import simulator_of
+
+
+def simulate_records(
+    starts: Sequence[SceneStart],
+    laws: Laws,
+    plan: FramePlan,
+    execution: Execution = SINGLE_ON_CPU,
+) -> list[SceneRecord]:
+    """Simulates scenes, those of the same settings as one batch, and records them; results in the order of `starts`.
+
+    plan       length of the runs and what is kept of them
+    execution  its progress hears of plan.steps x len(group_by_settings(starts)) steps in all
+    raises     SimulationDiverged, naming scene, step and particle
+    """
+    dtype, device, skips = execution.dtype, execution.device, execution.skips
+    done: dict[int, SceneRecord] = {}
+    for group in group_by_settings(starts):
+        simulator = copy.deepcopy(simulator_of(laws, group[0].settings, skips)).to(device=device, dtype=dtype)
+        batch = batch_scenes(group, dtype, device)
+        if not skips.graph:  # as if somebody wanted to differentiate
+            for tensor in (*simulator.parameters(), *batch.parameters.values()):
+                tensor.requires_grad_()
+        trajectory = simulate_scenes(simulator, batch, plan, skips, execution.progress)
+        done |= {id(start): record for start, record in zip(group, _records(group, batch, trajectory), strict=True)}
+    return [done[id(start)] for start in starts]
+
+
+def _records(starts: Sequence[SceneStart], batch: SceneBatch, trajectory: Trajectory) -> list[SceneRecord]:
+    counts = batch.particle_counts
+    step, keyframe_step = trajectory.step.numpy(), trajectory.keyframe_step.numpy()
+    vectors = (trajectory.position, trajectory.velocity, trajectory.keyframe_velocity)
+    fields = [split_vectors(field, counts) for field in vectors]
+    fields += [split_matrices(field, counts) for field in (trajectory.affine, trajectory.deformation)]
+    records = []
+    for start, position, velocity, *full_states in zip(starts, *fields, strict=True):
+        parameters = {name: value for name, value in start.parameters.items() if name not in start.varying}
+        at = np.searchsorted(step, keyframe_step)
+        records.append(
+            SceneRecord(
+                start.name,
+                start.material,
+                start.settings,
+                parameters,
+                time=step * start.settings.time_step,
+                position=position,
+                volume=start.volume.astype(position.dtype),
+                initial_velocity=start.velocity.astype(position.dtype),
+                velocity=velocity if len(velocity) else None,
+                keyframes=Keyframes(keyframe_step, position[at], *full_states) if len(at) else None,
+                initial_affine=None
+                if start.affine is None or not start.affine.any()
+                else start.affine.astype(position.dtype),
+                density=None if start.density is None else start.density.astype(position.dtype),
+            )
+        )
+    return records
