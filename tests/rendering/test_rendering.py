@@ -150,7 +150,7 @@ def test_an_unwritable_place_is_one_clear_line(record: SceneRecord, tmp_path: Pa
 def test_labels_name_the_parameters_with_units() -> None:
     plasticine = {"youngs_modulus": 5.3e5, "poissons_ratio": 0.31, "yield_stress": 5.1e3}
     assert material_label("plasticine", plasticine) == (
-        "plasticine, E 530 kPa, \N{GREEK SMALL LETTER NU} 0.31, yield stress 5.1 kPa"
+        "plasticine, E 530 kPa, \N{GREEK SMALL LETTER NU} 0.31, τ_Y 5.1 kPa"
     )
 
 

@@ -14,8 +14,9 @@ inline void count_fallback() { atomicAdd(&fallbacks, 1ull); }
 
 #include <atomic>
 
+// weak and not inline: an inline one would be the same for all libraries of a process
 extern "C" {
-__attribute__((visibility("default"))) inline std::atomic<int64_t> fallbacks{0};
+__attribute__((visibility("default"), weak)) std::atomic<int64_t> fallbacks{0};
 }
 
 namespace pcnclaws {
