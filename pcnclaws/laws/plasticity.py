@@ -26,15 +26,6 @@ from pcnclaws.linalg3 import (
 from pcnclaws.tensor_types import Matrices, Parameters, Scalars
 
 
-class NoPlasticity(Plasticity):
-    """A purely elastic material: the trial deformation is the elastic deformation."""
-
-    parameter_names = ()
-
-    def return_map(self, trial: Matrices, parameters: Parameters) -> Matrices:
-        return trial
-
-
 class DruckerPrager(Plasticity):
     """Cohesionless friction: the shear a material bears is proportional to the pressure on it."""
 
