@@ -1,25 +1,20 @@
 """For each switch of `simulation.skip.*` a scene where it applies, run with any set of switches."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float
 
-from benchmarks.cases import PAPER, Case, frame_every, laws_of
+from benchmarks.cases import PAPER, Case, laws_of
 from pcnclaws.geometry.shapes import particles
-from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.materials import material_named
-from pcnclaws.simulation.batch import batch_scenes
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
-from pcnclaws.simulation.rollout import differentiable_rollout
 from pcnclaws.simulation.scenes import SceneStart
-from pcnclaws.simulation.simulator import simulator_of
 
 # A body that meets the floor is strained after two.
 FEWEST_STEPS = 3
@@ -54,13 +49,11 @@ def run_trial(name: str, skips: Skips, edge: int, steps: int, device: torch.devi
 
     edge     particles along the edge of the body
     steps    see trial_steps
-    returns  positions [m] of all frames, (frames, particles, 3); the gradient of E, (particles,), for weight_gradients
+    returns  positions [m] of all frames, (frames, particles, 3)
     """
     trial = TRIALS[name]
     case = replace(trial.case, particles_per_edge=edge)
     starts, laws = trial.starts(edge) if trial.starts else case.starts(), laws_of(case)
-    if name == "weight_gradients":
-        return _gradient_of_stiffness(starts, laws, steps, skips, device)
     plan, execution = FramePlan(steps, min(trial.every, steps)), Execution(device=device, skips=skips)
     records = simulate_records(starts, laws, plan, execution)
     return np.concatenate([record.position for record in records], axis=1)
@@ -74,18 +67,6 @@ def trial_steps(name: str, steps: int) -> int:
 def switched_off(name: str) -> Skips:
     """All switches but that of the trial; none for ALL."""
     return Skips.none() if name == ALL else replace(Skips(), **{name: False})
-
-
-def _gradient_of_stiffness(
-    starts: Sequence[SceneStart], laws: Laws, steps: int, skips: Skips, device: torch.device | str
-) -> Float[np.ndarray, " particles"]:
-    """Gradient of the mean squared displacement by each particle's E [m^2/Pa], laws frozen as in an estimation."""
-    batch = batch_scenes(starts, device=device)
-    simulator = simulator_of(laws, starts[0].settings, skips).to(device).requires_grad_(False)
-    stiffness = batch.parameters["youngs_modulus"].requires_grad_()
-    positions = differentiable_rollout(simulator, batch, steps, frame_every(steps), skips=skips)
-    (gradient,) = torch.autograd.grad((positions - batch.state.position).square().mean(), stiffness)
-    return gradient.cpu().numpy()
 
 
 def _paper_cube(edge: int) -> list[SceneStart]:
@@ -111,14 +92,11 @@ def _layers(edge: int) -> list[SceneStart]:
 
 
 TRIALS = {
-    "plasticity": Trial("elastic cube in contact"),
     "free_fall": Trial("elastic cube, let go at rest, 0.15 m above the wall layer", starts=_paper_cube),
     "grid_window": Trial(
         "elastic cube of 0.2 m in contact, 64 grid nodes", Case("elasticity", grid_nodes=64, side=0.2)
     ),
     "history": Trial("elastic cube in contact, every step kept", every=1, memory=True),
-    "graph": Trial("elastic cube in contact", share=0.2, memory=True),
-    "weight_gradients": Trial("gradient of E, sand in contact, two neural laws", Case("sand", "neural"), share=0.04),
     "rest": Trial(f"{LAYER_SCENES} thin elastic layers on a sticking floor", share=2.0, starts=_layers),
     ALL: Trial("elastic cube, let go at rest, 0.15 m above the wall layer", starts=_paper_cube, memory=True),
 }

@@ -53,7 +53,7 @@ def _measured(name: str, edge: int, steps: int, samples: int, context: Benchmark
             times[key].append(1e3 / steps * seconds(work, context.device))
         products.append(context.yardstick.measure())
     return {
-        "particles": int(with_switch.shape[-2] if with_switch.ndim == 3 else with_switch.shape[0]),
+        "particles": int(with_switch.shape[-2]),
         "on_ms": spread(times["on"]),
         "off_ms": spread(times["off"]),
         "gain": min(times["off"]) / min(times["on"]),

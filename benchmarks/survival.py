@@ -6,6 +6,7 @@ its square, and every step computes the same numbers.
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from pcnclaws.mpm.state import ParticleState
 from pcnclaws.simulation.batch import SceneBatch, batch_scenes
 from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.simulator import simulator_of
-from pcnclaws.simulation.time_step import largest_speed, scene_cfl
+from pcnclaws.simulation.time_step import stability_of
 
 NODES, WALL_CELLS = 20, 2
 # A body has so many particles along an edge and is so many cells long: at least. Smaller ones survive larger steps.
@@ -96,17 +97,23 @@ def scene_start(batch: Batch, youngs_modulus: float, poissons_ratio: float) -> S
     velocities = spin_velocity(body.position, np.tile(velocity, (len(body.volume), 1)), spin)
     parameters = {"youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio} | _flow(batch, youngs_modulus)
     settings = SimulationSettings(TIME_STEP, NODES, WALL_CELLS * spacing, GRAVITY)
-    speed = largest_speed(body.position, velocities, GRAVITY, settings.wall_distance)
-    unit = batch.cfl / scene_cfl(settings, parameters, speed)  # the step of this CFL number over the batch's
+    name = f"E {youngs_modulus:g}, nu {poissons_ratio:g}"
+    start = SceneStart(
+        name,
+        batch.material,
+        settings,
+        parameters,
+        position=body.position,
+        velocity=velocities,
+        volume=body.volume,
+    )
+    unit = batch.cfl / stability_of(start).cfl  # the step of this CFL number over the batch's
     stresses = {
         name: unit**2 * value for name, value in parameters.items() if name in ("youngs_modulus", "yield_stress")
     }
     gravity = (0.0, unit**2 * GRAVITY[1], 0.0)
     scaled = SimulationSettings(TIME_STEP, NODES, WALL_CELLS * spacing, gravity)
-    name = f"E {youngs_modulus:g}, nu {poissons_ratio:g}"
-    return SceneStart(
-        name, batch.material, scaled, parameters | stresses, body.position, unit * velocities, body.volume
-    )
+    return replace(start, settings=scaled, parameters=parameters | stresses, velocity=unit * velocities)
 
 
 def _flow(batch: Batch, youngs_modulus: float) -> dict[str, float]:

@@ -13,7 +13,7 @@ from benchmarks.timed_runs import PAPER, Resolution
 from pcnclaws.compiled.backend import BACKENDS
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import MATERIALS
-from pcnclaws.simulation.time_step import automatic_time_step, largest_speed
+from pcnclaws.simulation.time_step import stability_of
 
 LAWS = ("analytic", "neural")
 PROBLEMS = (*FLOOR_SCENES, *CLOSED_FORMS)
@@ -101,8 +101,8 @@ def automatic_of(options: Mapping[str, Any], problem: str, material: str) -> lis
         return []
     scenario, plain = FLOOR_SCENES[problem](material), Resolution(PAPER.grid_nodes, 1, 1.0, backend=_backend(options))
     start = scenario.start(plain.lattice(scenario.box), plain)
-    speed = largest_speed(start.position, start.velocity, PAPER.gravity, PAPER.wall_distance)
-    return [replace(plain, time_factor=automatic_time_step(PAPER, start.parameters, speed) / PAPER.time_step)]
+    step = stability_of(replace(start, settings=PAPER)).automatic_time_step
+    return [replace(plain, time_factor=step / PAPER.time_step)]
 
 
 def _backend(options: Mapping[str, Any]) -> str:

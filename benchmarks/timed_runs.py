@@ -3,7 +3,7 @@
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -25,8 +25,6 @@ from pcnclaws.simulation.simulator import simulator_of
 
 PAPER = SimulationSettings()
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
-# Without any skip a simulation would also record a graph, of gigabytes here: that one stays left out.
-NO_SKIPS = replace(Skips.none(), graph=True)
 # A run shorter than this [s] is timed several times.
 SHORT, SAMPLES = 1.0, 3
 
@@ -107,7 +105,7 @@ def timed_run(scenario: Scenario, laws: Laws, resolution: Resolution, device: to
     lattice = resolution.lattice(scenario.box)
     start = scenario.start(lattice, resolution)
     batch = batch_scenes([start], PRECISIONS[resolution.precision], device)
-    skips = Skips() if resolution.skips else NO_SKIPS
+    skips = Skips() if resolution.skips else Skips.none()
     simulator = copy.deepcopy(simulator_of(laws, start.settings, skips))
     simulator = simulator.to(device=device, dtype=PRECISIONS[resolution.precision])
     every = resolution.steps_between(scenario.duration / scenario.frames)

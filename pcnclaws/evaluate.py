@@ -33,8 +33,8 @@ from pcnclaws.laws.materials import Material
 from pcnclaws.provenance import provenance
 from pcnclaws.simulation.motion import Model
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import SceneStart, start_of
-from pcnclaws.simulation.time_step import divergence_advice, largest_speed, scene_cfl, stable_cfl, time_step_limit
+from pcnclaws.simulation.scenes import start_of
+from pcnclaws.simulation.time_step import stability_of
 
 FLOOR_WORDS = {"float64": "analytic law in double precision", "half_step": "and with half the time step"}
 # Width of the table where the output is not a terminal.
@@ -116,9 +116,7 @@ def _simulated(config: DictConfig, records: list[SceneRecord], laws: Model, may_
             return evaluate_records(records, laws, replace(execution, progress=advance))
     except SimulationDiverged as error:
         failed = next((record for record in records if f"scene '{record.name}'" in str(error)), records[0])
-        start, speed = _start_and_speed(failed)
-        advice = divergence_advice(error, start.settings, start.parameters, speed, start.material)
-        raise SimulationDiverged(f"{error}; {advice}") from error
+        raise SimulationDiverged(f"{error}; {stability_of(start_of(failed)).advice(error)}") from error
 
 
 def _pictures(config: DictConfig, outcomes: Outcomes, material: Material, output: Path) -> list[Path]:
@@ -165,18 +163,10 @@ def _in_time_step(config: DictConfig, records: list[SceneRecord]) -> list[SceneR
 
 def _require_stable(record: SceneRecord) -> None:
     """Refuses a record that says too little for a simulation, or whose time step no simulation survives."""
-    start, speed = _start_and_speed(record)
-    stable = stable_cfl(start.material, start.parameters["poissons_ratio"])
-    if scene_cfl(start.lightest, start.parameters, speed) > stable:
-        limit = time_step_limit(start.lightest, start.parameters, speed, start.material)
-        raise UserError(f"{record.label}: time_step={start.settings.time_step:g} is unstable; accepted: {limit}")
-
-
-def _start_and_speed(record: SceneRecord) -> tuple[SceneStart, float]:
-    """The start of a record, and the largest speed before contact [m/s]."""
-    start = start_of(record)
-    speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
-    return start, speed
+    stability = stability_of(start_of(record))
+    if not stability.is_stable:
+        step = record.settings.time_step
+        raise UserError(f"{record.label}: time_step={step:g} is unstable; accepted: {stability.limit}")
 
 
 def _print_table(config: DictConfig, outcomes: Outcomes, material: Material) -> None:

@@ -25,7 +25,7 @@ from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart
-from pcnclaws.simulation.time_step import check_time_step, divergence_advice, largest_speed
+from pcnclaws.simulation.time_step import stability_of
 
 log = logging.getLogger(__name__)
 
@@ -45,9 +45,8 @@ def simulate(config: DictConfig) -> None:
 
 
 def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
-    settings, parameters = start.lightest, start.parameters
-    speed = largest_speed(start.position, start.velocity, settings.gravity, settings.wall_distance)
-    check_time_step(settings, parameters, speed, start.material)
+    stability = stability_of(start)
+    stability.check()
     steps, every = whole_number(config, "simulation.steps"), whole_number(config, "simulation.every")
     if every > steps:
         raise UserError(f"simulation.every={every} keeps no frame; accepted: 1 to simulation.steps={steps}")
@@ -56,15 +55,14 @@ def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
         raise UserError(f"keyframe_every={keyframe_every} keeps the start alone; accepted: 0 to {steps}")
     if steps % every:
         log.warning("simulation.every=%d: the last %d of %d steps are in no frame", every, steps % every, steps)
-    laws = laws_for(str(config.law), material_from(config), [parameters])
+    laws = laws_for(str(config.law), material_from(config), [start.parameters])
     plan, execution = FramePlan(steps, every, keyframe_every, velocities=True), execution_from(config)
     warn_of_sparse_particles([start])
     with progress_bar("simulating", steps) as advance:
         try:
             return simulate_records([start], laws, plan, replace(execution, progress=advance))[0]
         except SimulationDiverged as error:
-            advice = divergence_advice(error, settings, parameters, speed, start.material)
-            raise SimulationDiverged(f"{error}; {advice}") from error
+            raise SimulationDiverged(f"{error}; {stability.advice(error)}") from error
 
 
 def _summary(record: SceneRecord, per_cell: float, output: Path) -> str:

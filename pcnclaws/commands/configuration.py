@@ -22,8 +22,8 @@ from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.placement import require_inside
-from pcnclaws.simulation.scenes import SceneStart, lightest_settings
-from pcnclaws.simulation.time_step import automatic_time_step, largest_speed
+from pcnclaws.simulation.scenes import SceneStart
+from pcnclaws.simulation.time_step import stability_of
 
 DEVICES = ("cpu", "cuda", "auto")
 # What a body starts with as C: the gradient of its velocities, nothing, or (auto) the former but for a trajectory
@@ -88,14 +88,12 @@ def start_from(config: DictConfig) -> SceneStart:
     if body.density is not None and settings.density != SimulationSettings.density:
         raise _two_densities(config)
     require_inside(body.position, settings, _where(config))
-    if config.simulation.time_step == "auto":
-        speed = largest_speed(body.position, body.velocity, settings.gravity, settings.wall_distance)
-        settings = settings_from(
-            config, automatic_time_step(lightest_settings(settings, body.density), parameters, speed)
-        )
     file = config.scene.particles or config.scene.mesh
     name = config.scene.name or (Path(str(file)).stem if file else config.scene.shape)
-    return SceneStart(str(name), material.name, settings, parameters, *body)
+    start = SceneStart(str(name), material.name, settings, parameters, **body._asdict())
+    if config.simulation.time_step != "auto":
+        return start
+    return replace(start, settings=settings_from(config, stability_of(start).automatic_time_step))
 
 
 def observation_from(config: DictConfig, material: Material) -> Observation:

@@ -23,8 +23,7 @@ from pcnclaws.data.generation import generate_data_set
 from pcnclaws.data.sampling import DataSetPlan, planned_scenes
 from pcnclaws.errors import UserError
 from pcnclaws.mpm.settings import SimulationSettings
-from pcnclaws.simulation.scenes import SceneStart
-from pcnclaws.simulation.time_step import automatic_time_step, check_time_step, largest_speed, scene_cfl, stable_cfl
+from pcnclaws.simulation.time_step import stability_of
 
 log = logging.getLogger(__name__)
 
@@ -36,16 +35,11 @@ def plan_from(config: DictConfig) -> DataSetPlan:
     raises  UserError, also when a scene of it would not be stable
     """
     plan = _plan(config, settings_from(config, automatic=SimulationSettings.time_step))
-    starts = [start for starts in planned_scenes(plan).values() for start in starts]
-    stiffest = max(starts, key=_cfl)
+    scenes = [stability_of(start) for starts in planned_scenes(plan).values() for start in starts]
     if config.simulation.time_step == "auto":
-        return _plan(
-            config, settings_from(config, automatic_time_step(stiffest.lightest, stiffest.parameters, _speed(stiffest)))
-        )
-    least_stable = max(
-        starts, key=lambda start: _cfl(start) / stable_cfl(start.material, start.parameters["poissons_ratio"])
-    )
-    check_time_step(least_stable.lightest, least_stable.parameters, _speed(least_stable), least_stable.material)
+        stiffest = max(scenes, key=lambda scene: scene.cfl)
+        return _plan(config, settings_from(config, stiffest.automatic_time_step))
+    max(scenes, key=lambda scene: scene.cfl / scene.stable_cfl).check()
     return plan
 
 
@@ -89,14 +83,6 @@ def _plan(config: DictConfig, settings: SimulationSettings) -> DataSetPlan:
         seed=whole_number(config, "data.seed", least=0),
         precision=str(precision_from(config)).removeprefix("torch."),
     )
-
-
-def _cfl(start: SceneStart) -> float:
-    return scene_cfl(start.lightest, start.parameters, _speed(start))
-
-
-def _speed(start: SceneStart) -> float:
-    return largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
 
 
 @contextmanager

@@ -7,6 +7,7 @@ are, and alike in neighbouring frames.
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from jaxtyping import Float
 
 from pcnclaws.data.observation import Observation
@@ -14,6 +15,7 @@ from pcnclaws.estimation.first_frame import Rest, local_deformation, without_fir
 from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.scatter import FEWEST, Scatter, given_scatter, scatter_of
 from pcnclaws.estimation.uncertainty import Uncertainty
+from pcnclaws.simulation.layout import vectors_last
 
 # A right model leaves once the scatter, without the error of the first frame.
 MOST_RESIDUAL = 1.5
@@ -98,7 +100,7 @@ def _field(observation: Observation, residual: np.ndarray) -> Float[np.ndarray, 
     """The residual by frame and marker, NaN where one was not seen."""
     by_coordinate = np.full((len(observation.time), 3, observation.target.shape[1]), np.nan)
     by_coordinate[np.broadcast_to(observation.seen[:, None], by_coordinate.shape)] = residual
-    return np.swapaxes(by_coordinate, 1, 2)
+    return vectors_last(torch.from_numpy(by_coordinate))
 
 
 def _neighbours(field: Float[np.ndarray, "frames markers 3"]) -> tuple[float, float]:

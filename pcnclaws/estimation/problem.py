@@ -21,9 +21,9 @@ from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
 from pcnclaws.simulation.layout import matrices_first, matrices_last, vectors_first, vectors_last
 from pcnclaws.simulation.rollout import positions_at
-from pcnclaws.simulation.scenes import SceneStart, lightest_settings
+from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.simulator import simulator_of
-from pcnclaws.simulation.time_step import largest_speed, scene_cfl, stable_cfl
+from pcnclaws.simulation.time_step import stability_of
 
 # So many particles are simulated at once.
 PARTICLES_AT_ONCE = 16_384
@@ -171,17 +171,8 @@ class EstimationProblem:
 
     def instability(self, u: Float[np.ndarray, " unknowns"]) -> float:
         """The largest CFL number of a particle over the one that is stable [-]."""
-        values = self.unknowns.values(u)
-        parameters, observation = self.unknowns.parameters(values), self.observation
-        settings = lightest_settings(observation.settings, observation.density)
-        velocity = self._start_velocity(values).T.double().numpy()
-        speed = largest_speed(self.observation.position, velocity, settings.gravity, settings.wall_distance)
-        kinds = np.unique(np.stack((parameters["youngs_modulus"], parameters["poissons_ratio"])), axis=1).T
-        return max(
-            scene_cfl(settings, {"youngs_modulus": e, "poissons_ratio": nu}, speed)
-            / stable_cfl(self.observation.material, nu)
-            for e, nu in kinds.tolist()
-        )
+        stability = stability_of(self.start(u))
+        return stability.cfl / stability.stable_cfl
 
     @property
     def _copies(self) -> int:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import TIME_TOLERANCE, Keyframes, SceneRecord
 from pcnclaws.simulation.scenes import start_of
-from pcnclaws.simulation.time_step import automatic_time_step, largest_speed
+from pcnclaws.simulation.time_step import stability_of
 
 
 def step_plans(records: Sequence[SceneRecord]) -> dict[FramePlan, list[int]]:
@@ -52,9 +52,7 @@ def in_automatic_time_step(record: SceneRecord) -> SceneRecord:
 
     Keyframes are met, too. Where the frames lie between the steps of the record anyway, the longest of all.
     """
-    start, places = start_of(record), _places(record)
-    speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
-    step = automatic_time_step(start.lightest, start.parameters, speed)
+    step, places = stability_of(start_of(record)).automatic_time_step, _places(record)
     if places[-1] > 0.0 and _all_whole(places):
         spacing = math.gcd(*places.astype(np.int64).tolist(), *_keyframe_steps(record)) * record.settings.time_step
         step = spacing / math.ceil(spacing / step)

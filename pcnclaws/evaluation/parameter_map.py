@@ -16,7 +16,7 @@ from pcnclaws.laws.parameters import PARAMETERS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.rendering.maps import ErrorMap, MapAxis
 from pcnclaws.simulation.scenes import SceneStart
-from pcnclaws.simulation.time_step import COMFORTABLE_CFL, largest_speed, scene_cfl
+from pcnclaws.simulation.time_step import COMFORTABLE_CFL, stability_of
 
 POINTS = 6
 DIGITS = 4
@@ -59,9 +59,8 @@ def map_points(material: Material, points: int = POINTS) -> Iterator[MapPoint]:
 
 def map_settings(material: Material, plan: DataSetPlan, points: int = POINTS) -> SimulationSettings:
     """The plan's settings, its time step divided by a whole number so that every scene stays below CFL number 0.4."""
-    body, settings = plan.body, plan.settings
-    speed = largest_speed(body.position, _velocity(plan), settings.gravity, settings.wall_distance)
-    highest = max(scene_cfl(settings, point.parameters, speed) for point in map_points(material, points))
+    settings = plan.settings
+    highest = max(stability_of(start).cfl for start in map_starts(material, plan, settings, points))
     return replace(settings, time_step=settings.time_step / (math.floor(highest / COMFORTABLE_CFL) + 1))
 
 

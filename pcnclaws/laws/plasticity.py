@@ -15,14 +15,7 @@ from pcnclaws.laws.base import Plasticity, Values
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.operations import deviator, maximum, minimum, norm, trace, where
 from pcnclaws.laws.parameters import FRICTION_ANGLE, POISSONS_RATIO, YIELD_STRESS, YOUNGS_MODULUS
-from pcnclaws.tensor_types import Matrices, Parameters, Scalars
-
-
-class NoPlasticity(Plasticity):
-    """A purely elastic material: the trial deformation is the elastic deformation."""
-
-    def return_map(self, trial: Matrices, parameters: Parameters) -> Matrices:
-        return trial
+from pcnclaws.tensor_types import Parameters, Scalars
 
 
 class DruckerPrager(Plasticity):

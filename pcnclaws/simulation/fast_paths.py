@@ -1,4 +1,4 @@
-"""What a scene does not need is not computed: one switch for each, all on unless somebody measures their gain."""
+"""Fast paths of simulations: what a scene does not need is not computed, each behind a switch that is on by default."""
 
 from dataclasses import dataclass, fields
 
@@ -7,21 +7,15 @@ from dataclasses import dataclass, fields
 class Skips:
     """The switches of `simulation.skip.*`; docs/skips.md says which are exact and how far off the others may be.
 
-    plasticity        no plastic law for a purely elastic material; off: one that changes nothing is evaluated
-    free_fall         no step for a stress-free body without spin before its first contact: its motion is known
-    grid_window       only the part of the grid that particles touch (compiled step); off: the whole grid
-    history           velocities are kept only at the frames asked for, C and F only at keyframes; off: at every frame
-    graph             no autograd graph outside training; off: a simulation records one
-    weight_gradients  no gradients of weights that nobody trains; off: those of frozen laws, too
-    rest              no step for a scene that has come to rest, in simulations without gradients
+    free_fall    no step for a stress-free body without spin before its first contact: its motion is known
+    grid_window  only the part of the grid that particles touch (compiled step); off: the whole grid
+    history      velocities are kept only at the frames asked for, C and F only at keyframes; off: at every frame
+    rest         no step for a scene that has come to rest, in simulations without gradients
     """
 
-    plasticity: bool = True
     free_fall: bool = True
     grid_window: bool = True
     history: bool = True
-    graph: bool = True
-    weight_gradients: bool = True
     rest: bool = True
 
     @classmethod

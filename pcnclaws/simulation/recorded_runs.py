@@ -33,9 +33,6 @@ def simulate_records(
     for group in group_by_settings(starts):
         simulator = copy.deepcopy(simulator_of(laws, group[0].settings, skips)).to(device=device, dtype=dtype)
         batch = batch_scenes(group, dtype, device)
-        if not skips.graph:  # as if somebody wanted to differentiate
-            for tensor in (*simulator.parameters(), *batch.parameters.values()):
-                tensor.requires_grad_()
         trajectory = simulate_scenes(simulator, batch, plan, skips, execution.progress)
         done |= {id(start): record for start, record in zip(group, _records(group, batch, trajectory), strict=True)}
     return [done[id(start)] for start in starts]

@@ -4,7 +4,6 @@ A step is a function from a state to the next one, so every simulator is run by 
 need no step are left out of it (active_scenes.py).
 """
 
-import copy
 from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
@@ -61,6 +60,7 @@ def simulate(
     return _run(run, recording, None, _Report(scene_names, advice, progress))
 
 
+@torch.no_grad()
 def simulate_scenes(
     simulator: Simulator,
     batch: SceneBatch,
@@ -77,12 +77,11 @@ def simulate_scenes(
     """
     skips = skips or Skips()
     settings = simulator.integrator.settings
-    with torch.set_grad_enabled(not skips.graph):
-        free = _free_steps(simulator, batch, plan.steps, skips)
-        run = ActiveScenes(simulator.step_function, batch, settings.time_step, free)
-        recording = Recording(plan, batch.state, everything=not skips.history)
-        watch = RestWatch(settings, plan.steps) if skips.rest else None
-        return _run(run, recording, watch, _Report(batch.names or None, "", progress), simulator)
+    free = _free_steps(simulator, batch, plan.steps, skips)
+    run = ActiveScenes(simulator.step_function, batch, settings.time_step, free)
+    recording = Recording(plan, batch.state, everything=not skips.history)
+    watch = RestWatch(settings, plan.steps) if skips.rest else None
+    return _run(run, recording, watch, _Report(batch.names or None, "", progress), simulator)
 
 
 @torch.no_grad()
@@ -136,9 +135,6 @@ def positions_at(
     skips, steps = skips or Skips(), max(at[-1], 1) if steps is None else steps
     state, scenes = batch.state, batch.scenes
     free = [min(n, steps - 1) for n in _free_steps(simulator, batch, steps, skips)]
-    weights = list(simulator.parameters())
-    if weights and not skips.weight_gradients and not any(weight.requires_grad for weight in weights):
-        simulator = copy.deepcopy(simulator).requires_grad_()
     if recompute is None and not records_steps(state, scenes):
         most = MOST_COMPILED_PARTICLE_STEPS if simulator.runs_compiled(state) else MOST_PARTICLE_STEPS
         recompute = _particle_steps(scenes, steps, free) > most
@@ -206,8 +202,7 @@ def _run(
 def _advance(run: ActiveScenes, n: int, report: _Report, simulator: Simulator | None) -> None:
     """Runs to step n with one look at the device at its end; the exact step is found again when it matters."""
     state, count = run.state, n - run.n
-    records = simulator is not None and not torch.is_grad_enabled() and records_steps(state, run.group.scenes)
-    if simulator is not None and records and run.any_running and count:
+    if simulator is not None and records_steps(state, run.group.scenes) and run.any_running and count:
         state, failed = advanced(simulator, state, run.group.scenes, run.group.parameters, count)
         if report.progress:
             report.progress(count)

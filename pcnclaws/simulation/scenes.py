@@ -45,19 +45,12 @@ class SceneStart:
     @property
     def lightest(self) -> SimulationSettings:
         """The settings with the density of the lightest particle, where waves are the fastest."""
-        return lightest_settings(self.settings, self.density)
+        return self.settings if self.density is None else replace(self.settings, density=float(self.density.min()))
 
     def of_particles(self) -> dict[str, Float[np.ndarray, " particles"]]:
         """All physical parameters, of each particle, by name."""
         same = {name: np.full(len(self.position), value) for name, value in self.parameters.items()}
         return same | dict(self.varying)
-
-
-def lightest_settings(
-    settings: SimulationSettings, density: Float[np.ndarray, " particles"] | None
-) -> SimulationSettings:
-    """The settings with the smallest of the densities of the particles [kg/m^3]; as they are for None."""
-    return settings if density is None else replace(settings, density=float(density.min()))
 
 
 Scene = TypeVar("Scene", SceneStart, SceneRecord)

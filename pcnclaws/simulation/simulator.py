@@ -8,7 +8,6 @@ from torch import Tensor, nn
 from pcnclaws.compiled.calls import kernels_serve
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity, FixedParameters, Law, Plasticity
-from pcnclaws.laws.plasticity import NoPlasticity
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
@@ -73,5 +72,4 @@ class Simulator(nn.Module):
 def simulator_of(laws: Laws, settings: SimulationSettings, skips: Skips | None = None) -> Simulator:
     """The simulator of these laws, with the parts that the switches leave."""
     skips = skips or Skips()
-    plasticity = laws.plasticity or (None if skips.plasticity else NoPlasticity())
-    return Simulator(laws.elasticity, plasticity, MPMIntegrator(settings, skips.grid_window))
+    return Simulator(laws.elasticity, laws.plasticity, MPMIntegrator(settings, skips.grid_window))

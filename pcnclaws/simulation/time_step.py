@@ -1,9 +1,10 @@
-"""How long may a time step be? The CFL number of a scene, and the step that it allows."""
+"""Stability of time steps: the CFL number of a scene, its measured limit, and the steps that it allows."""
 
 import json
 import logging
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from pcnclaws.errors import ParticleEscaped, SimulationDiverged, UserError
 from pcnclaws.laws.parameters import compression_wave_speed
 from pcnclaws.mpm.diagnostics import cfl_number, fall_speed
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.scenes import SceneStart
 
 log = logging.getLogger(__name__)
 
@@ -44,16 +46,6 @@ def largest_speed(
     return fall_speed(start, max(float(min(along)), 0.0), strength)
 
 
-def scene_cfl(settings: SimulationSettings, parameters: Mapping[str, float], speed: float) -> float:
-    """CFL number dt (c + |v|) / dx [-] of a material that moves with at most `speed` [m/s]."""
-    return cfl_number(settings.time_step, settings.grid_spacing, _wave_speed(settings, parameters), speed)
-
-
-def automatic_time_step(settings: SimulationSettings, parameters: Mapping[str, float], speed: float) -> float:
-    """The time step [s] of CFL number 0.4, rounded down to three digits."""
-    return _rounded_down(settings.time_step * COMFORTABLE_CFL / scene_cfl(settings, parameters, speed))
-
-
 def stable_cfl(material: str, poissons_ratio: float) -> float:
     """The CFL number [-] up to which simulations of a material are stable, from the measured table.
 
@@ -65,55 +57,99 @@ def stable_cfl(material: str, poissons_ratio: float) -> float:
     return min(float(np.interp(poissons_ratio, limits["poissons_ratio"], limits["cfl"])) for limits in known)
 
 
-def check_time_step(settings: SimulationSettings, parameters: Mapping[str, float], speed: float, material: str) -> None:
-    """Refuses a time step above the stability boundary with a UserError, warns in one line above CFL number 0.4."""
-    cfl = scene_cfl(settings, parameters, speed)
-    if cfl > stable_cfl(material, parameters["poissons_ratio"]):
-        raise UserError(
-            f"simulation.time_step={settings.time_step:g} is unstable; accepted: "
-            f"{time_step_limit(settings, parameters, speed, material)}"
-        )
-    if cfl > COMFORTABLE_CFL:
-        log.warning(
-            "simulation.time_step=%g has the CFL number %.2f: above %.2f such bodies diverged; "
-            "simulation.time_step=auto stays at %g with %g s",
-            settings.time_step,
-            cfl,
-            stable_cfl(material, parameters["poissons_ratio"]),
-            COMFORTABLE_CFL,
-            automatic_time_step(settings, parameters, speed),
-        )
+@dataclass(frozen=True)
+class Stability:
+    """Whether the time step of a scene is stable, and which ones are.
+
+    settings    of the simulation, with the smallest density of its particles: waves are the fastest there
+    parameters  physical parameters by name, those of the least stable particle
+    speed       a bound of the speed before contact [m/s]
+    """
+
+    settings: SimulationSettings
+    parameters: Mapping[str, float]
+    speed: float
+    material: str
+
+    @property
+    def cfl(self) -> float:
+        """CFL number dt (c + |v|) / dx [-]."""
+        return cfl_number(self.settings.time_step, self.settings.grid_spacing, self._wave_speed, self.speed)
+
+    @property
+    def stable_cfl(self) -> float:
+        """The CFL number [-] up to which such simulations were stable."""
+        return stable_cfl(self.material, self.parameters["poissons_ratio"])
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether simulations with this time step were stable."""
+        return self.cfl <= self.stable_cfl
+
+    @property
+    def automatic_time_step(self) -> float:
+        """The time step [s] of CFL number 0.4, rounded down to three digits."""
+        return _rounded_down(self.settings.time_step * COMFORTABLE_CFL / self.cfl)
+
+    @property
+    def longest_time_step(self) -> float:
+        """The longest stable time step [s], rounded down to three digits."""
+        return _rounded_down(self.stable_cfl * self.settings.grid_spacing / (self._wave_speed + self.speed))
+
+    @property
+    def limit(self) -> str:
+        """In words: the longest time step of this scene, and the stiffest material of this time step."""
+        modulus = self.parameters["youngs_modulus"]
+        accepted = f"at most {self.longest_time_step:.3g} s for youngs_modulus={modulus:g} at {self.speed:.3g} m/s"
+        # E grows with the square of the wave speed
+        room = self.stable_cfl * self.settings.grid_spacing / self.settings.time_step - self.speed
+        if room <= 0.0:
+            return accepted
+        stiffest = _rounded_down(modulus * (room / self._wave_speed) ** 2)
+        return f"{accepted}, or youngs_modulus at most {stiffest:.3g} Pa for this step"
+
+    def check(self) -> None:
+        """Refuses a time step above the stability boundary with a UserError, warns in one line above CFL number 0.4."""
+        if not self.is_stable:
+            raise UserError(f"simulation.time_step={self.settings.time_step:g} is unstable; accepted: {self.limit}")
+        if self.cfl > COMFORTABLE_CFL:
+            log.warning(
+                f"simulation.time_step={self.settings.time_step:g} has the CFL number {self.cfl:.2f}: above "
+                f"{self.stable_cfl:.2f} such bodies diverged; simulation.time_step=auto stays at {COMFORTABLE_CFL} "
+                f"with {self.automatic_time_step:g} s"
+            )
+
+    def advice(self, error: SimulationDiverged) -> str:
+        """In words, what to change after a divergence: the walls that a particle was pressed through, or the step."""
+        settings = self.settings
+        if isinstance(error, ParticleEscaped) and not settings.walls_hold:
+            return (
+                f"wall_distance={settings.wall_distance:g} does not hold what is pressed against it; "
+                f"from {settings.grid_spacing:.6g} m, a cell of the grid, it does"
+            )
+        return f"time_step={settings.time_step:g}, stable: {self.limit}"
+
+    @property
+    def _wave_speed(self) -> float:
+        parameters = self.parameters
+        return compression_wave_speed(parameters["youngs_modulus"], parameters["poissons_ratio"], self.settings.density)
 
 
-def time_step_limit(settings: SimulationSettings, parameters: Mapping[str, float], speed: float, material: str) -> str:
-    """In words: the largest time step of this scene, and the stiffest material of this time step."""
-    stable = stable_cfl(material, parameters["poissons_ratio"])
-    wave = _wave_speed(settings, parameters)
-    largest = _rounded_down(stable * settings.grid_spacing / (wave + speed))
-    # E grows with the square of the wave speed
-    room = stable * settings.grid_spacing / settings.time_step - speed
-    accepted = f"at most {largest:.3g} s for youngs_modulus={parameters['youngs_modulus']:g} at {speed:.3g} m/s"
-    if room <= 0.0:
-        return accepted
-    stiffest = _rounded_down(parameters["youngs_modulus"] * (room / wave) ** 2)
-    return f"{accepted}, or youngs_modulus at most {stiffest:.3g} Pa for this step"
-
-
-def divergence_advice(
-    error: SimulationDiverged,
-    settings: SimulationSettings,
-    parameters: Mapping[str, float],
-    speed: float,
-    material: str,
-) -> str:
-    """In words, what to change after a divergence: the walls that a particle was pressed through, or the time step."""
-    if isinstance(error, ParticleEscaped) and not settings.walls_hold:
-        return (
-            f"wall_distance={settings.wall_distance:g} does not hold what is pressed against it; "
-            f"from {settings.grid_spacing:.6g} m, a cell of the grid, it does"
-        )
-    limit = time_step_limit(settings, parameters, speed, material)
-    return f"time_step={settings.time_step:g}, stable: {limit}"
+def stability_of(scene: SceneStart) -> Stability:
+    """The stability of the time step of a scene: that of its least stable particle."""
+    settings = scene.lightest
+    speed = largest_speed(scene.position, scene.velocity, settings.gravity, settings.wall_distance)
+    one = Stability(settings, scene.parameters, speed, scene.material)
+    if not scene.varying:
+        return one
+    values = scene.of_particles()
+    names = ("youngs_modulus", "poissons_ratio")
+    kinds = np.unique(np.stack([values[name] for name in names]), axis=1)
+    each = [
+        replace(one, parameters={**scene.parameters, **dict(zip(names, kind, strict=True))})
+        for kind in zip(*kinds.tolist(), strict=True)
+    ]
+    return max(each, key=lambda kind: kind.cfl / kind.stable_cfl)
 
 
 def _rounded_down(value: float) -> float:
@@ -126,7 +162,3 @@ def _rounded_down(value: float) -> float:
 def _stable_cfl_table() -> dict[str, dict[str, list[float]]]:
     """By material: Poisson's ratios, increasing, and the limit at each."""
     return json.loads(STABLE_CFL_FILE.read_text(encoding="utf-8"))["limits"]
-
-
-def _wave_speed(settings: SimulationSettings, parameters: Mapping[str, float]) -> float:
-    return compression_wave_speed(parameters["youngs_modulus"], parameters["poissons_ratio"], settings.density)

@@ -30,7 +30,7 @@ SMOKE = {
     ],
     "skips": [
         *("problem.backends=[torch]", "problem.particles_per_edge=4", "problem.steps=8", "problem.samples=1"),
-        *("problem.switches=[free_fall,weight_gradients,all]", "problem.memory=false"),
+        *("problem.switches=[free_fall,history,all]", "problem.memory=false"),
     ],
     "training": [
         *("problem.backends=[torch]", "problem.iterations=[1,2]", "problem.train_scenes=2"),
@@ -58,7 +58,7 @@ def check_scaling(results: dict) -> None:
 
 
 def check_skips(results: dict) -> None:
-    assert [row["switch"] for row in results["rows"]] == ["free_fall", "weight_gradients", "all"]
+    assert [row["switch"] for row in results["rows"]] == ["free_fall", "history", "all"]
     for row in results["rows"]:
         assert row["gain"] == pytest.approx(row["off_ms"]["min"] / row["on_ms"]["min"])
         assert row["relative_difference"] < 1e-4

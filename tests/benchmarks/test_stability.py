@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -30,7 +31,7 @@ from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.batch import batch_scenes
 from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.simulator import simulator_of
-from pcnclaws.simulation.time_step import check_time_step, largest_speed, scene_cfl, stable_cfl, time_step_limit
+from pcnclaws.simulation.time_step import Stability, stability_of, stable_cfl
 
 CPU = torch.device("cpu")
 FLOWS = {"elasticity": None, "plasticine": 1e-2, "sand": 30.0, "neo_hookean": None, "tresca": 1e-2}
@@ -114,8 +115,7 @@ def test_a_rigid_body_has_the_energy_of_its_motion_and_height() -> None:
 def test_a_change_of_the_unit_of_time_changes_nothing_but_the_step(material: str) -> None:
     batch = Batch(material, FLOWS[material], "spinning", "float64", 1, 0.4)
     scaled = scene_start(batch, 1e5, 0.3)
-    speed = largest_speed(scaled.position, scaled.velocity, scaled.settings.gravity, scaled.settings.wall_distance)
-    assert scene_cfl(scaled.settings, scaled.parameters, speed) == pytest.approx(0.4)
+    assert stability_of(scaled).cfl == pytest.approx(0.4)
 
     unit = (scaled.parameters["youngs_modulus"] / 1e5) ** 0.5
     settings = SimulationSettings(
@@ -217,16 +217,15 @@ def test_between_and_beyond_the_measured_ratios_the_limit_stays_between_its_neig
 
 @pytest.mark.parametrize("material", list(MATERIALS))
 def test_a_time_step_is_refused_above_the_limit_of_its_material_alone(material: str) -> None:
-    parameters, speed = MATERIALS[material].defaults, 2.0
-    at_one = scene_cfl(SimulationSettings(1e-3), parameters, speed)
-    limit = 1e-3 * stable_cfl(material, parameters["poissons_ratio"]) / at_one
-    check_time_step(SimulationSettings(0.999 * limit), parameters, speed, material)
+    one = Stability(SimulationSettings(1e-3), MATERIALS[material].defaults, 2.0, material)
+    limit = 1e-3 * one.stable_cfl / one.cfl
+    replace(one, settings=SimulationSettings(0.999 * limit)).check()
     with pytest.raises(UserError) as caught:
-        check_time_step(SimulationSettings(1.001 * limit), parameters, speed, material)
+        replace(one, settings=SimulationSettings(1.001 * limit)).check()
     # rounded down, so that the step that is named is accepted
     named = float(str(caught.value).partition("accepted: at most ")[2].partition(" s")[0])
     assert 0.995 * limit < named <= limit
-    assert "youngs_modulus at most" in time_step_limit(SimulationSettings(limit), parameters, speed, material)
+    assert "youngs_modulus at most" in replace(one, settings=SimulationSettings(limit)).limit
 
 
 def context_for(folder: Path, interrupt_at: int | None = None) -> BenchmarkContext:

@@ -20,7 +20,7 @@ from pcnclaws.commands.configuration import (
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
-from pcnclaws.simulation.time_step import largest_speed, scene_cfl
+from pcnclaws.simulation.time_step import largest_speed, stability_of
 
 MAKEFILES = ("Makefile", "benchmarks/accuracy.mk", "benchmarks/estimation.mk", "benchmarks/baselines.mk")
 
@@ -97,9 +97,7 @@ def test_the_automatic_time_step_aims_at_a_cfl_number_of_0_4(material, velocity)
     start = start_from(
         compose_config("simulate", [f"material={material}", f"scene.velocity={velocity}", "simulation.time_step=auto"])
     )
-    settings = start.settings
-    speed = largest_speed(start.position, start.velocity, settings.gravity, settings.wall_distance)
-    assert 0.4 * 0.99 <= scene_cfl(settings, start.parameters, speed) <= 0.4
+    assert 0.4 * 0.99 <= stability_of(start).cfl <= 0.4
 
 
 def test_the_speed_bound_is_the_start_speed_and_the_fall():

@@ -25,7 +25,7 @@ from pcnclaws.simulate import simulate
 from pcnclaws.simulation.batch import batch_scenes
 from pcnclaws.simulation.records import Keyframes, SceneRecord
 from pcnclaws.simulation.scenes import SceneStart, start_of
-from pcnclaws.simulation.time_step import scene_cfl
+from pcnclaws.simulation.time_step import Stability
 from pcnclaws.train import train
 
 
@@ -63,7 +63,7 @@ def test_densities_of_particles_are_kept_and_count(tmp_path, in_process, caplog)
     auto = start_from(compose_config("simulate", [*options, "simulation.time_step=auto"]))
     light = replace(auto.settings, density=500.0)
     speed = float(np.hypot(0.5, np.sqrt(4.0 + 2.0 * 9.8 * 0.34)))
-    assert scene_cfl(light, auto.parameters, speed) == pytest.approx(0.4, rel=0.02)
+    assert Stability(light, auto.parameters, speed, "elasticity").cfl == pytest.approx(0.4, rel=0.02)
     done = in_process(simulate, "simulate", *options, "simulation.density=900", "output=y.h5")
     assert done.status == 2
     assert "simulation.density=900 has no effect on particles that bring their density" in done.err

@@ -32,7 +32,7 @@ from pcnclaws.simulation.placement import require_inside
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart
-from pcnclaws.simulation.time_step import largest_speed, scene_cfl, stable_cfl
+from pcnclaws.simulation.time_step import stability_of, stable_cfl
 
 ANALYTIC = analytic_laws(MATERIALS["sand"])
 SAND_PLAN = DataSetPlan(MATERIALS["sand"])
@@ -47,8 +47,7 @@ def record() -> SceneRecord:
 
 
 def cfl(start: SceneStart) -> float:
-    speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
-    return scene_cfl(start.settings, start.parameters, speed)
+    return stability_of(start).cfl
 
 
 def spin_of(start: SceneStart) -> np.ndarray:

@@ -13,7 +13,7 @@ from pcnclaws.laws.base import Plasticity
 from pcnclaws.laws.elasticity import FixedCorotated, NeoHookean, StVKHencky
 from pcnclaws.laws.materials import MATERIALS, Material
 from pcnclaws.laws.moduli import lame_constants
-from pcnclaws.laws.plasticity import DruckerPrager, NoPlasticity, Tresca, VonMises
+from pcnclaws.laws.plasticity import DruckerPrager, Tresca, VonMises
 from pcnclaws.linalg3 import deviator, exp_symmetric, hencky_strain, identity_like, matmul, safe_norm, trace, transpose
 
 pytestmark = pytest.mark.usefixtures("each_backend")
@@ -43,11 +43,6 @@ def test_every_law_obeys_what_laws_must(material: str, values: dict[str, float])
 @pytest.mark.parametrize("poissons_ratio", [-0.9, 0.0, 0.49])
 def test_elasticity_holds_for_every_poissons_ratio(elasticity: FixedCorotated, poissons_ratio: float) -> None:
     check_elasticity(elasticity, {"youngs_modulus": 1e5, "poissons_ratio": poissons_ratio})
-
-
-def test_no_plasticity_leaves_the_deformation() -> None:
-    f = deformations(0, 0.3)
-    assert torch.equal(NoPlasticity()(f, {}), f)
 
 
 def test_hencky_elasticity_in_uniaxial_stress_is_youngs_modulus_times_logarithmic_strain() -> None:

@@ -19,7 +19,7 @@ from pcnclaws.simulation.placement import require_inside
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.scenes import SceneStart
-from pcnclaws.simulation.time_step import check_time_step, divergence_advice, time_step_limit
+from pcnclaws.simulation.time_step import Stability
 
 PARAMETERS = {
     "elasticity": ELASTIC,
@@ -51,7 +51,7 @@ def test_what_is_pressed_through_a_thinner_one_is_told_so() -> None:
     settings = SimulationSettings(5e-4, 10, 0.0, (-15.0, -40.0, -10.0))
     with pytest.raises(ParticleEscaped, match=r"left the domain") as escape:
         lowest_of_what_is_pressed_into_a_corner("sand", settings)
-    advice = divergence_advice(escape.value, settings, SAND, 5.0, "sand")
+    advice = Stability(settings, SAND, 5.0, "sand").advice(escape.value)
     assert "wall_distance=0 " in advice
     assert "0.1 m" in advice
     assert "time_step" not in advice
@@ -74,15 +74,16 @@ def test_the_thinnest_one_that_is_named_is_accepted(nodes: int) -> None:
 
 def test_other_divergences_speak_of_the_time_step() -> None:
     for error, distance in ((SimulationDiverged("its state is not finite"), 0.0), (ParticleEscaped("it left"), 0.1)):
-        advice = divergence_advice(error, SimulationSettings(wall_distance=distance), SAND, 1.0, "sand")
+        advice = Stability(SimulationSettings(wall_distance=distance), SAND, 1.0, "sand").advice(error)
         assert advice.startswith("time_step=0.0005, stable: at most")
 
 
 @pytest.mark.parametrize("stiffness", [1e4, 3.7e5, 2.9e6])
 def test_the_longest_time_step_that_is_named_is_accepted(stiffness: float) -> None:
-    settings, parameters = SimulationSettings(time_step=0.1), SAND | {"youngs_modulus": stiffness}
-    words = time_step_limit(settings, parameters, 2.0, "sand").split()
-    check_time_step(replace(settings, time_step=float(words[2])), parameters, 2.0, "sand")
+    long = Stability(SimulationSettings(time_step=0.1), SAND | {"youngs_modulus": stiffness}, 2.0, "sand")
+    named = float(long.limit.split()[2])
+    assert named == long.longest_time_step
+    replace(long, settings=SimulationSettings(time_step=named)).check()
 
 
 @pytest.mark.parametrize("coordinate", [0.099998, 0.0999989, 0.9000011])

@@ -17,7 +17,7 @@ from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import start_of
-from pcnclaws.simulation.time_step import COMFORTABLE_CFL, largest_speed, scene_cfl
+from pcnclaws.simulation.time_step import COMFORTABLE_CFL, stability_of
 
 SOFT, STIFF = 1e4, 1.5e6
 
@@ -33,9 +33,7 @@ def records() -> list[SceneRecord]:
 
 
 def cfl(record: SceneRecord) -> float:
-    start = start_of(record)
-    speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
-    return scene_cfl(record.settings, record.parameters, speed)
+    return stability_of(start_of(record)).cfl
 
 
 def test_the_step_is_the_longest_that_is_stable_and_meets_the_frames(records: list[SceneRecord]) -> None:
