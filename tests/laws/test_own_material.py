@@ -1,0 +1,163 @@
+"""Laws, a parameter and a material that somebody brings: one file, and everything works with them."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from bodies import per_particle, seeded, uniform
+from law_checks import COUNT, deformations
+from own_material import COHESION, SOIL, CohesiveDruckerPrager, MooneyRivlin
+
+from pcnclaws.compiled.backend import using_backend
+from pcnclaws.compiled.build import find_compiler
+from pcnclaws.data.hdf5 import read_scenes
+from pcnclaws.errors import UserError
+from pcnclaws.laws.base import Elasticity, Plasticity, Values
+from pcnclaws.laws.elasticity import NeoHookean
+from pcnclaws.laws.materials import Material
+from pcnclaws.laws.parameters import YOUNGS_MODULUS, Parameter
+from pcnclaws.laws.registry import Network, register
+from pcnclaws.linalg3 import matmul, transpose
+from pcnclaws.simulate import simulate
+
+COMPILED = pytest.mark.skipif(find_compiler() is None, reason="needs a C++ compiler")
+
+
+def _parameters() -> dict[str, torch.Tensor]:
+    return per_particle(SOIL.defaults, COUNT)
+
+
+@COMPILED
+@pytest.mark.parametrize("law", [MooneyRivlin(), CohesiveDruckerPrager()], ids=["elastic", "plastic"])
+def test_kernels_are_made_of_the_python_function(law: Elasticity | Plasticity) -> None:
+    assert law.kernel is not None
+    f, found = deformations(1, 0.1), []
+    for backend in ("torch", "compiled"):
+        with using_backend(backend):
+            inputs = [f.clone().requires_grad_(), *(v.clone().requires_grad_() for v in _parameters().values())]
+            values = dict(zip(_parameters(), inputs[1:], strict=True))
+            result = law(inputs[0], {name: values[name] for name in law.parameter_names})
+            weight = uniform(seeded(4), *result.shape)
+            found.append([result.detach(), *torch.autograd.grad(result, inputs, weight, materialize_grads=True)])
+    for a, b in zip(*found, strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-9, atol=1e-9 * float(b.abs().max()))
+
+
+def test_the_stress_is_the_derivative_of_the_energy() -> None:
+    """tau : D is the rate of the energy: dE along dF = D F."""
+    law, f, rate = MooneyRivlin(), deformations(2, 0.2), uniform(seeded(3), 3, 3, COUNT)
+    rate = 0.5 * (rate + transpose(rate))
+    names = {name: value for name, value in _parameters().items() if name in law.parameter_names}
+    step = 1e-6
+    ahead, behind = (law.energy_density(f + s * step * matmul(rate, f), names) for s in (1.0, -1.0))
+    power = (law.kirchhoff_stress(f, names) * rate).sum((0, 1))
+    torch.testing.assert_close((ahead - behind) / (2.0 * step), power, rtol=1e-7, atol=1e-3)
+
+
+def test_small_strain_has_the_moduli() -> None:
+    names = {name: value for name, value in _parameters().items() if name != "cohesion" and name != "friction_angle"}
+    f = deformations(5, 1e-6)
+    stress, known = MooneyRivlin()(f, names), NeoHookean()(f, names)
+    torch.testing.assert_close(stress, known, rtol=1e-4, atol=1e-5 * float(known.abs().max()))
+
+
+class Branching(Elasticity):
+    """A law that no kernel can be made of."""
+
+    physical_parameters = (YOUNGS_MODULUS,)
+
+    def principal_stress(self, h: Values, p: object) -> Values:
+        return [p.youngs_modulus * torch.sin(strain) for strain in h]  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_what_cannot_become_a_kernel_runs_in_pytorch_and_says_so(caplog: pytest.LogCaptureFixture) -> None:
+    f, law = deformations(1, 0.1), Branching()
+    stress = law(f, {"youngs_modulus": torch.full((COUNT,), 1e5).double()})
+    assert law.kernel is None
+    assert torch.isfinite(stress).all()
+    assert "the law Branching runs in PyTorch, without a kernel" in caplog.text
+
+
+def test_the_cohesive_law_bears_tension_and_no_more() -> None:
+    h = torch.eye(3).double()[:, :, None] * torch.tensor([1e-5, 1.0]).double()
+    f = torch.diag_embed(h.diagonal(dim1=0, dim2=1).exp()).permute(1, 2, 0)
+    parameters = per_particle(SOIL.defaults, 2)
+    after = CohesiveDruckerPrager()(f, parameters)
+    assert torch.equal(after[:, :, 0], f[:, :, 0]), "below the tip nothing flows"
+    tip = CohesiveDruckerPrager().coefficients(parameters)["tip"]
+    torch.testing.assert_close(3.0 * after[0, 0, 1].log(), tip[1])
+
+
+PLUGIN = """
+import sys
+sys.path.insert(0, {folder!r})
+import own_material
+"""
+
+
+def test_a_command_takes_a_material_from_a_plugin(
+    in_process: Callable[..., object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "soil_plugin.py").write_text(PLUGIN.format(folder=str(Path(__file__).parents[1])))
+    small = ("law=analytic", "scene.particles_per_edge=4", "simulation.steps=20", "picture=false")
+    done = in_process(
+        simulate,
+        "simulate",
+        "plugins=[soil_plugin]",
+        "material=cohesive_soil",
+        "parameters.cohesion=2e3",
+        *small,
+        "output=x.h5",
+    )
+    assert done.status == 0, done.err  # pyright: ignore[reportAttributeAccessIssue]
+    record = read_scenes(tmp_path / "x.h5")[0]
+    assert (record.material, record.parameters["cohesion"]) == ("cohesive_soil", 2e3)
+    wrong = in_process(
+        simulate,
+        "simulate",
+        "plugins=[soil_plugin]",
+        "material=cohesive_soil",
+        "parameters.cohesion=-1",
+        *small,
+        "output=y.h5",
+    )
+    assert wrong.status == 2  # pyright: ignore[reportAttributeAccessIssue]
+    assert "parameters.cohesion=-1.0 is not accepted; accepted: a finite number at least 0 Pa" in wrong.err  # pyright: ignore[reportAttributeAccessIssue]
+    missing = in_process(simulate, "simulate", "plugins=[no_such_module]", *small, "output=z.h5")
+    assert missing.status == 2  # pyright: ignore[reportAttributeAccessIssue]
+    assert "plugins=no_such_module cannot be imported" in missing.err  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@pytest.mark.parametrize(
+    ("thing", "words"),
+    [
+        (Material("sand", NeoHookean, None, {}), "material 'sand' is there already"),
+        (Material("m", NeoHookean, None, {"youngs_modulus": (1e4, 1e5)}), r"ranges\['poissons_ratio'\] is missing"),
+        (
+            Material("m", NeoHookean, None, {"youngs_modulus": (1e4, 1e5), "poissons_ratio": (0.4, 0.6)}),
+            r"ranges\['poissons_ratio'\]=\(0.4, 0.6\) is not accepted",
+        ),
+        (
+            Material("m", NeoHookean, None, {"youngs_modulus": (1e4, 1e5), "poisons_ratio": (0.1, 0.2)}),
+            r"ranges\['poissons_ratio'\] is missing",
+        ),
+        (Network("pcnclaws", NeoHookean, None), "network 'pcnclaws' is there already"),
+    ],
+)
+def test_what_cannot_be_registered_is_refused(thing: Material | Network, words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        register(thing)
+
+
+def test_a_parameter_says_what_it_accepts_and_how_it_is_shown() -> None:
+    assert COHESION.header == "c [Pa]"
+    assert COHESION.shown(1500.0) == "c 1.5e+03 Pa"
+    with pytest.raises(UserError, match="search=\\(-1.0, 2.0\\) is not accepted"):
+        Parameter("x", "x", "Pa", logarithmic=True, search=(-1.0, 2.0))
+    assert not COHESION.accepts(float("nan"))
+    assert np.isclose(SOIL.defaults["cohesion"], 2750.0)
+    assert json.dumps(SOIL.defaults)
