@@ -175,7 +175,7 @@ def _require_stable(record: SceneRecord) -> None:
 def _start_and_speed(record: SceneRecord) -> tuple[SceneStart, float]:
     """The start of a record, and the largest speed before contact [m/s]."""
     start = start_of(record)
-    speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
+    speed = largest_speed(start.position, start.velocity, start.settings)
     return start, speed
 
 

@@ -46,7 +46,7 @@ def simulate(config: DictConfig) -> None:
 
 def _trajectory(config: DictConfig, start: SceneStart) -> SceneRecord:
     settings, parameters = start.lightest, start.parameters
-    speed = largest_speed(start.position, start.velocity, settings.gravity, settings.wall_distance)
+    speed = largest_speed(start.position, start.velocity, settings)
     check_time_step(settings, parameters, speed, start.material)
     steps, every = whole_number(config, "simulation.steps"), whole_number(config, "simulation.every")
     if every > steps:

@@ -96,7 +96,7 @@ def _cfl(start: SceneStart) -> float:
 
 
 def _speed(start: SceneStart) -> float:
-    return largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
+    return largest_speed(start.position, start.velocity, start.settings)
 
 
 @contextmanager

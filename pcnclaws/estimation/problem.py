@@ -175,7 +175,7 @@ class EstimationProblem:
         parameters, observation = self.unknowns.parameters(values), self.observation
         settings = lightest_settings(observation.settings, observation.density)
         velocity = self._start_velocity(values).T.double().numpy()
-        speed = largest_speed(self.observation.position, velocity, settings.gravity, settings.wall_distance)
+        speed = largest_speed(self.observation.position, velocity, settings)
         kinds = np.unique(np.stack((parameters["youngs_modulus"], parameters["poissons_ratio"])), axis=1).T
         return max(
             scene_cfl(settings, {"youngs_modulus": e, "poissons_ratio": nu}, speed)

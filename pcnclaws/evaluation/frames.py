@@ -53,7 +53,7 @@ def in_automatic_time_step(record: SceneRecord) -> SceneRecord:
     Keyframes are met, too. Where the frames lie between the steps of the record anyway, the longest of all.
     """
     start, places = start_of(record), _places(record)
-    speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
+    speed = largest_speed(start.position, start.velocity, start.settings)
     step = automatic_time_step(start.lightest, start.parameters, speed)
     if places[-1] > 0.0 and _all_whole(places):
         spacing = math.gcd(*places.astype(np.int64).tolist(), *_keyframe_steps(record)) * record.settings.time_step

@@ -60,7 +60,7 @@ def map_points(material: Material, points: int = POINTS) -> Iterator[MapPoint]:
 def map_settings(material: Material, plan: DataSetPlan, points: int = POINTS) -> SimulationSettings:
     """The plan's settings, its time step divided by a whole number so that every scene stays below CFL number 0.4."""
     body, settings = plan.body, plan.settings
-    speed = largest_speed(body.position, _velocity(plan), settings.gravity, settings.wall_distance)
+    speed = largest_speed(body.position, _velocity(plan), settings)
     highest = max(scene_cfl(settings, point.parameters, speed) for point in map_points(material, points))
     return replace(settings, time_step=settings.time_step / (math.floor(highest / COMFORTABLE_CFL) + 1))
 

@@ -34,7 +34,7 @@ def records() -> list[SceneRecord]:
 
 def cfl(record: SceneRecord) -> float:
     start = start_of(record)
-    speed = largest_speed(start.position, start.velocity, start.settings.gravity, start.settings.wall_distance)
+    speed = largest_speed(start.position, start.velocity, start.settings)
     return scene_cfl(record.settings, record.parameters, speed)
 
 
