@@ -1,4 +1,4 @@
-"""Calibrates a law for estimation: python -m pcnclaws.calibrate material=sand law=RUN_FOLDER."""
+"""Calibration of a law on simulated objects whose truth is known."""
 
 from pcnclaws.commands.configuration import use_processor, whole_number
 from pcnclaws.commands.outputs import RESULT, output_file

@@ -1,4 +1,4 @@
-"""From the composed configuration to objects, each option checked where its object is made."""
+"""Objects of the package from typed options: each option is checked where its object is made."""
 
 from collections.abc import Mapping
 from dataclasses import replace

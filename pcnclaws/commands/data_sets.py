@@ -1,4 +1,4 @@
-"""The generated data set that a configuration asks for, made where it is missing."""
+"""Generated data sets that a configuration asks for, made where they are missing."""
 
 import logging
 from collections.abc import Iterator

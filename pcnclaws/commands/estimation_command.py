@@ -1,4 +1,4 @@
-"""Estimates physical parameters from motion: python -m pcnclaws.estimate material=sand observation.file=x.h5."""
+"""Estimation of physical parameters, from the observation to the result file and its pictures."""
 
 import shutil
 import time

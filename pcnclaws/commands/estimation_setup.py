@@ -1,4 +1,4 @@
-"""From the configuration of an estimation to its unknowns and where the search for them begins."""
+"""Unknowns of an estimation and the start of its search, from typed options."""
 
 import logging
 from collections.abc import Mapping

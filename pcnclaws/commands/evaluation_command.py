@@ -1,4 +1,4 @@
-"""Evaluates a law: python -m pcnclaws.evaluate material=sand law=analytic trajectories=x.h5 output=metrics.json."""
+"""Evaluation of a law on a file or a built-in task, from its records to the result file and its pictures."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Makes a data set with the analytic laws: python -m pcnclaws.generate material=sand."""
+"""Generation of a data set and of its picture."""
 
 from pathlib import Path
 

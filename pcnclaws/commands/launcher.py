@@ -1,4 +1,4 @@
-"""The one launcher of all entry points: composes the configuration, runs the task, ends with an exit status.
+"""Launcher of all entry points: composes the configuration, runs the task, ends with an exit status.
 
     0    done
     1    the run failed: a diverged simulation, Ctrl-C (SIGINT), a full disk, a bug

@@ -1,4 +1,4 @@
-"""What cameras would see of a simulated motion: python -m pcnclaws.observe file=x.h5 markers=0.1 noise=1e-3.
+"""Synthetic observations: what cameras would see of a simulated motion.
 
 Before an experiment it answers which parameters its motion, its markers and its noise can tell.
 """

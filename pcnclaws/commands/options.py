@@ -1,4 +1,4 @@
-"""What the options of a configuration may be: known names, and values of the kind of their defaults."""
+"""Accepted options of a configuration: known names, and values of the kind of their defaults."""
 
 import math
 from collections.abc import Iterator, Mapping

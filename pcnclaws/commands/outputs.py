@@ -1,4 +1,4 @@
-"""Where results go: `output=`, looked at before the work begins."""
+"""Output paths: `output=`, looked at before the work begins."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Simulates one scene: python -m pcnclaws.simulate material=sand law=analytic output=x.h5."""
+"""Simulation of one scene, from its typed options to the trajectory file and its picture."""
 
 import logging
 from dataclasses import replace

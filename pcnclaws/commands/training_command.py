@@ -1,4 +1,4 @@
-"""Trains the laws of a material: python -m pcnclaws.train experiment=sand_multi."""
+"""Training run: data, fit, test on unseen objects and the run folder."""
 
 import copy
 import math

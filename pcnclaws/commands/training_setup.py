@@ -1,4 +1,4 @@
-"""From the configuration to what trains a model: its module, its batches and its clock."""
+"""Module, batches and clock of a training run, from typed options."""
 
 import math
 from typing import NamedTuple, TypeAlias

@@ -1,4 +1,4 @@
-"""What the segments of a training start from: what was asked for, or what the data allow."""
+"""Initial states of training segments: restart states, or the initial condition where the data hold none."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Options that have no effect beside others: whoever sets one is told, before any work begins.
+"""Options without effect beside others: whoever sets one is told, before any work begins.
 
 Only what the user wrote counts, not what a group of options or a default says; null and false ask for nothing.
 """
