@@ -4,10 +4,9 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import torch
-from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Column
@@ -20,21 +19,22 @@ from pcnclaws.commands import launcher
 from pcnclaws.commands.configuration import device_from, whole_number
 from pcnclaws.commands.outputs import check_ending
 from pcnclaws.commands.runs import laws_for
+from pcnclaws.commands.typed_configs import BenchmarkConfig
 from pcnclaws.data.locks import written_alone
 
 # Width of the tables where the output is not a terminal.
 PLAIN_WIDTH = 120
 
 
-def benchmark(config: DictConfig) -> None:
+def benchmark(config: BenchmarkConfig) -> None:
     """Measures the configured problem and leaves its numbers, as JSON, and its pictures in the folder `output`."""
     folder = Path(config.output)
     check_ending("output", folder)
     with written_alone(folder, f"output={folder}"):
-        _benchmark(config, folder, str(config.problem.name))
+        _benchmark(config, folder, str(config.problem["name"]))
 
 
-def _benchmark(config: DictConfig, folder: Path, name: str) -> None:
+def _benchmark(config: BenchmarkConfig, folder: Path, name: str) -> None:
     document = folder / f"{name}.json"
     if config.redraw is None:
         measured = _measure(config, folder, name)
@@ -47,10 +47,10 @@ def _benchmark(config: DictConfig, folder: Path, name: str) -> None:
         print(f"wrote {picture}")
 
 
-def _measure(config: DictConfig, folder: Path, name: str) -> Path:
-    torch.set_num_threads(whole_number(config, "threads"))
-    device, seed = device_from(config), whole_number(config, "seed", least=0)
-    options = cast(dict[str, Any], OmegaConf.to_container(config.problem))
+def _measure(config: BenchmarkConfig, folder: Path, name: str) -> Path:
+    torch.set_num_threads(whole_number(config.threads, "threads"))
+    device, seed = device_from(config.device), whole_number(config.seed, "seed", least=0)
+    options = dict(config.problem)
     del options["name"]
     with _progress(name) as advance:
         return measure(name, options, BenchmarkContext(device, seed, folder, advance, Yardstick(device), laws_for))

@@ -1,4 +1,4 @@
-"""The failures a user meets: wrong input, a simulation that left the physical world, a full disk, an interruption."""
+"""Failures that a user meets: wrong input, a simulation that left the physical world, a full disk, an interruption."""
 
 import errno
 import signal

@@ -1,98 +1,14 @@
-"""What cameras would see of a simulated motion: python -m pcnclaws.observe file=x.h5 markers=0.1 noise=1e-3.
-
-Before an experiment it answers which parameters its motion, its markers and its noise can tell.
-"""
-
-from pathlib import Path
-
-import numpy as np
-from jaxtyping import Float
-from omegaconf import DictConfig
+"""Markers of a simulated motion as cameras see them: python -m pcnclaws.observe file=x.h5 markers=0.1 noise=1e-3."""
 
 from pcnclaws.commands import launcher
-from pcnclaws.commands.configuration import whole_number
-from pcnclaws.commands.outputs import TABLE, output_file
-from pcnclaws.data.hdf5 import read_scenes, scene_names
-from pcnclaws.data.markers import surface_particles
-from pcnclaws.data.observation_files import DOUBLE_DIGITS, SINGLE_DIGITS, write_table
-from pcnclaws.errors import UserError
-from pcnclaws.rendering.pictures import picture_path, trajectory_picture
-from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.commands.typed_configs import ObserveConfig
 
 
-def observe(config: DictConfig) -> None:
+def observe(config: ObserveConfig) -> None:
     """Writes the markers of a recorded motion as a CSV file to `output`, and a picture of them beside it."""
-    output = output_file(config, *TABLE)
-    record = _recorded(config)
-    chance = np.random.default_rng(whole_number(config, "seed", least=0))
-    marker = _chosen(config, record, chance)
-    frames = np.arange(0, len(record.time), whole_number(config, "every"))
-    if len(frames) == 1:
-        raise UserError(f"every={config.every} sees the start alone; accepted: 1 to {max(len(record.time) - 1, 1)}")
-    position = record.position[frames][:, marker].astype(np.float64)
-    position += _share(config, "noise", 1.0) * chance.standard_normal(position.shape)
-    unseen = chance.random(position.shape[:2]) < _share(config, "missing", 1.0)
-    unseen[0] = False  # where each marker has its place on the body
-    position[unseen] = np.nan
-    time = record.time[frames] - record.time[0]
-    names = [f"p{particle}" for particle in marker.tolist()]
-    picture = _picture(record, time, position, marker, output) if config.picture else None
-    digits = DOUBLE_DIGITS if record.position.dtype == np.float64 else SINGLE_DIGITS
-    write_table(output, time, names, position, digits)
-    print(
-        f"wrote {output}: {len(marker)} markers in {len(frames)} frames of '{record.name}', {unseen.mean():.0%} unseen"
-    )
-    if picture:
-        print(f"wrote {picture}")
+    from pcnclaws.commands import observation_command as work  # loads PyTorch
 
-
-def _recorded(config: DictConfig) -> SceneRecord:
-    if not isinstance(config.file, str) or not config.file:
-        raise UserError(f"file={config.file or 'null'} is not accepted; accepted: the path of a trajectory file")
-    known = scene_names(config.file)
-    if config.scene is None and len(known) > 1:
-        raise UserError(f"{config.file}: holds {len(known)} scenes; accepted: scene= one of {', '.join(known[:20])}")
-    return read_scenes(config.file, [config.scene or known[0]], with_keyframes=False)[0]
-
-
-def _chosen(config: DictConfig, record: SceneRecord, chance: np.random.Generator) -> np.ndarray:
-    """The particles that carry a marker, in increasing order."""
-    particles = np.arange(record.position.shape[1])
-    if config.surface:
-        particles = particles[surface_particles(record.position[0].astype(np.float64))]
-    count = round(_share(config, "markers", 1.0) * record.position.shape[1])
-    if not 1 <= count <= len(particles):
-        where = "surface particles" if config.surface else "particles"
-        raise UserError(
-            f"markers={config.markers:g} is {count} markers; accepted: 1 to {len(particles)}, the number of {where}"
-        )
-    return np.sort(chance.choice(particles, count, replace=False))
-
-
-def _share(config: DictConfig, option: str, most: float) -> float:
-    value = config[option]
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value <= most:
-        raise UserError(f"{option}={value} is not accepted; accepted: a number from 0 to {most:g}")
-    return float(value)
-
-
-def _picture(
-    record: SceneRecord,
-    time: Float[np.ndarray, " frames"],
-    position: Float[np.ndarray, "frames markers 3"],
-    marker: np.ndarray,
-    output: Path,
-) -> Path:
-    seen = SceneRecord(
-        f"{record.name}, markers",
-        record.material,
-        record.settings,
-        record.parameters,
-        time=time,
-        position=position,
-        volume=record.volume[marker],
-    )
-    return trajectory_picture(seen, picture_path(output))
+    work.observe(config)
 
 
 def main() -> None:

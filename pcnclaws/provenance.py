@@ -1,4 +1,4 @@
-"""Where a result comes from: enough to make it again."""
+"""Provenance of a result: enough to make it again."""
 
 import os
 import platform

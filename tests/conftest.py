@@ -5,11 +5,10 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 import torch
-from omegaconf import DictConfig
 
 from pcnclaws.commands import launcher
 from pcnclaws.compiled.backend import using_backend
@@ -43,7 +42,7 @@ def in_process(
     """Runs a task under the launcher in this process, from an empty folder."""
     monkeypatch.chdir(tmp_path)
 
-    def run(task: Callable[[DictConfig], None], entry: str, *arguments: str) -> Outcome:
+    def run(task: Callable[[Any], None], entry: str, *arguments: str) -> Outcome:
         capsys.readouterr()
         status = launcher.run(task, entry, arguments)
         said = capsys.readouterr()

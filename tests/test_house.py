@@ -6,8 +6,8 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "pcnclaws"
 MOST_ARGUMENTS = 5
-# Functions of C, of autograd and of any number of things are called by place.
-BY_PLACE = {"compiled", "mpm"}
+# Functions of C and kernels are called by place.
+BY_PLACE = {"compiled", "mpm", "laws"}
 
 
 def calls() -> Iterator[tuple[str, ast.Call]]:

@@ -1,4 +1,4 @@
-"""What a graph network learns from: short pieces of recorded motions, with noise, and what came next."""
+"""Training windows of a graph network: short pieces of recorded motions, with noise, and what came next."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

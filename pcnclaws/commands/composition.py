@@ -24,6 +24,8 @@ import pcnclaws
 from pcnclaws.commands.choices import is_choice, offer_choices
 from pcnclaws.commands.folder_names import FolderNames, folder_names
 from pcnclaws.commands.options import check_options, leaves, unknown_option
+from pcnclaws.commands.typed import typed
+from pcnclaws.commands.typed_configs import CONFIGS
 from pcnclaws.commands.unused_options import check_unused
 from pcnclaws.errors import UserError, unknown_name
 
@@ -44,8 +46,8 @@ def conf_folder() -> Path:
     return packaged if packaged.is_dir() else package.parent / "conf"
 
 
-def compose_config(entry: str, overrides: Sequence[str] = ()) -> DictConfig:
-    """The checked and resolved configuration of an entry point (`train`, ...), as its command would see it.
+def compose_config(entry: str, overrides: Sequence[str] = ()) -> Any:
+    """The checked configuration of an entry point (`train`, ...), as its command would see it, of CONFIGS[entry].
 
     raises  UserError for whatever the command would refuse
     """
@@ -63,8 +65,8 @@ def as_group_choices(overrides: Sequence[str]) -> list[str]:
     return [_as_group_choice(override) for override in overrides]
 
 
-def checked(entry: str, config: DictConfig, overrides: Sequence[str], swept: Collection[str] = ()) -> DictConfig:
-    """The configuration, resolved, after a look at every option; UserError for the first wrong one.
+def checked(entry: str, config: DictConfig, overrides: Sequence[str], swept: Collection[str] = ()) -> Any:
+    """The configuration, resolved and typed, after a look at every option; UserError for the first wrong one.
 
     swept  the options that differ between the jobs of a sweep
     """
@@ -72,8 +74,7 @@ def checked(entry: str, config: DictConfig, overrides: Sequence[str], swept: Col
     options = dict(leaves(resolved))
     check_options(options, _defaults(entry, overrides))
     check_unused(entry, _written(overrides, options), options)
-    OmegaConf.set_struct(resolved, True)
-    return resolved
+    return typed(CONFIGS[entry], resolved)
 
 
 def explain(entry: str, overrides: Sequence[str], error: Exception) -> UserError:
@@ -113,14 +114,14 @@ def stated_options(group: str) -> list[str]:
     What that file takes over from other files is not stated.
     """
     job = HydraConfig.get()
-    choices, by_default = job.runtime.choices, _file(str(job.job.config_name)).defaults
+    choices, by_default = job.runtime.choices, _file(str(job.job.config_name))["defaults"]
     named = [override.key_or_group for override in OverridesParser.create().parse_overrides(task_overrides())]
     stated = [name.removeprefix(f"{group}.") for name in named if name.startswith(f"{group}.")]
     if group in named or {group: choices[group]} not in by_default:
         stated += file_options(group, choices[group])
     for name in ("experiment", "debug"):
         if choices.get(name):
-            stated += dict(leaves(_file(f"{name}/{choices[name]}").get(group, OmegaConf.create())))
+            stated += dict(leaves(_file(f"{name}/{choices[name]}").get(group, {})))
     return stated
 
 
@@ -131,8 +132,9 @@ def file_options(group: str, choice: str) -> dict[str, Any]:
     return dict(leaves(options))
 
 
-def _file(name: str) -> DictConfig:
-    return cast(DictConfig, OmegaConf.load(conf_folder() / f"{name}.yaml"))
+def _file(name: str) -> dict[str, Any]:
+    options = OmegaConf.load(conf_folder() / f"{name}.yaml")
+    return cast(dict[str, Any], OmegaConf.to_container(options, resolve=False))
 
 
 def _written(overrides: Sequence[str], options: Mapping[str, Any]) -> dict[str, Any]:
@@ -199,7 +201,6 @@ def _defaults_without(option: str, entry: str, overrides: Sequence[str]) -> Mapp
     return next((options for options in jobs if option not in options), jobs[0])
 
 
-def _resolved(config: DictConfig, names: FolderNames | None = None) -> DictConfig:
+def _resolved(config: DictConfig, names: FolderNames | None = None) -> dict[str, Any]:
     register_resolvers(names)
-    values = cast(dict[str, Any], OmegaConf.to_container(config, resolve=True, throw_on_missing=True))
-    return OmegaConf.create(values)
+    return cast(dict[str, Any], OmegaConf.to_container(config, resolve=True, throw_on_missing=True))

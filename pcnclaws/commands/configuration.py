@@ -1,15 +1,25 @@
-"""From the composed configuration to objects, each option checked where its object is made."""
+"""Objects of the package from typed options: each option is checked where its object is made."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
-from omegaconf import DictConfig, OmegaConf
 
 from pcnclaws.commands.surroundings import domain_of, grid_spacing_from, surroundings_from
+from pcnclaws.commands.typed_configs import (
+    CalibrateConfig,
+    Computation,
+    EstimateConfig,
+    Number,
+    ObservedSimulation,
+    Scene,
+    SimulateConfig,
+    SimulatingCommand,
+    Simulation,
+)
 from pcnclaws.compiled.backend import use_backend
 from pcnclaws.data.observation import Observation
 from pcnclaws.data.observation_files import from_record, from_table, observed_record
@@ -33,24 +43,21 @@ AFFINES = ("auto", "velocity", "zero")
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 
 
-def material_from(config: DictConfig) -> Material:
-    """The material of `material=`."""
-    return material_named(str(config.material.name))
-
-
-def parameters_from(config: DictConfig, material: Material) -> dict[str, float]:
+def parameters_from(options: Mapping[str, Number], material: Material) -> dict[str, float]:
     """The physical parameters of `parameters.*`, checked."""
-    values = {str(name): float(value) for name, value in config.parameters.items()}
+    values = {name: float(value) for name, value in options.items()}
     validate_parameters(values, material.parameter_names)
     return values
 
 
-def settings_from(config: DictConfig, automatic: float | None = None) -> SimulationSettings:
+def settings_from(
+    simulation: Simulation, automatic: float | None = None, scene: Scene | None = None
+) -> SimulationSettings:
     """The settings of `simulation.*`, whose walls hold.
 
     automatic  the time step [s] that simulation.time_step=auto stands for, None where it is not accepted
+    scene      whose colliders and loads belong to them, None for neither
     """
-    simulation = config.simulation
     time_step = automatic if simulation.time_step == "auto" else simulation.time_step
     if time_step is None:
         raise UserError("simulation.time_step=auto is not accepted here; accepted: a positive finite number [s]")
@@ -64,110 +71,111 @@ def settings_from(config: DictConfig, automatic: float | None = None) -> Simulat
         density=float(simulation.density),
         domain=domain_of(simulation.domain),
         friction=float(simulation.friction),
-        **surroundings_from(config.scene),
+        **({} if scene is None else surroundings_from(scene)),
     )
     settings.require_walls_that_hold()
     return settings
 
 
-def skips_from(config: DictConfig) -> Skips:
+def skips_from(simulation: Computation) -> Skips:
     """The switches of `simulation.skip.*`."""
-    return Skips(**{str(switch): bool(on) for switch, on in config.simulation.skip.items()})
+    return Skips(**simulation.skip)
 
 
-def execution_from(config: DictConfig) -> Execution:
+def execution_from(config: SimulatingCommand) -> Execution:
     """How `precision=`, `device=` and `simulation.skip.*` have simulations computed."""
-    return Execution(precision_from(config), device_from(config), skips_from(config))
+    return Execution(precision_from(config.precision), device_from(config.device), skips_from(config.simulation))
 
 
-def start_from(config: DictConfig) -> SceneStart:
+def start_from(config: SimulateConfig) -> SceneStart:
     """The scene of `scene.*`, of the material, its parameters and the settings of `simulation.*`.
 
     The CFL number of simulation.time_step=auto takes the start speed and the fall into account.
     """
-    material = material_from(config)
-    parameters = parameters_from(config, material)
-    settings = settings_from(config, automatic=SimulationSettings.time_step)
-    body = body_from(config)
+    material = material_named(config.material.name)
+    parameters = parameters_from(config.parameters, material)
+    settings = settings_from(config.simulation, SimulationSettings.time_step, config.scene)
+    body = body_from(config.scene)
     if body.density is not None and settings.density != SimulationSettings.density:
-        raise _two_densities(config)
-    require_volume(body.volume, settings, _where(config))
-    require_inside(body.position, settings, _where(config))
+        raise _two_densities(settings.density)
+    require_volume(body.volume, settings, _where(config.scene))
+    require_inside(body.position, settings, _where(config.scene))
     file = config.scene.particles or config.scene.mesh
     name = config.scene.name or (Path(str(file)).stem if file else config.scene.shape)
     start = SceneStart(str(name), material.name, settings, parameters, **body._asdict())
     if config.simulation.time_step != "auto":
         return start
-    return replace(start, settings=settings_from(config, stability_of(start).automatic_time_step))
+    return replace(
+        start, settings=settings_from(config.simulation, stability_of(start).automatic_time_step, config.scene)
+    )
 
 
-def observation_from(config: DictConfig, material: Material) -> Observation:
+def observation_from(config: EstimateConfig, material: Material) -> Observation:
     """The observation of `observation.*`, with the body of `scene.*` and the settings of `simulation.*` if given."""
     path = config.observation.file
     if not isinstance(path, str) or not path:
         raise UserError(
             f"observation.file={path or 'null'} is not accepted; accepted: the path of a trajectory file or a CSV file"
         )
-    body = _observed_body(config)
+    body = _observed_body(config.scene)
     if path.lower().endswith(".csv"):
         if body is None:
             raise UserError(
                 f"{path}: markers need a body; accepted: scene.shape=cube, ..., scene.mesh=FILE or scene.particles=FILE"
             )
-        settings = _observed_settings(config, SimulationSettings())
+        settings = _observed_settings(config.simulation, config.scene, SimulationSettings())
         known = config.scene.velocity is not None or config.scene.particles is not None
         observation = from_table(path, material.name, settings, body, known)
     else:
         record = observed_record(path, config.observation.scene, material.name)
-        observation = from_record(record, _observed_settings(config, record.settings), body)
+        observation = from_record(record, _observed_settings(config.simulation, config.scene, record.settings), body)
         if config.scene.velocity is not None:
-            velocity, affine = _known_start(config, observation.position, body)
+            velocity, affine = _known_start(config.scene, observation.position, body)
             observation = replace(observation, initial_velocity=velocity, initial_affine=affine)
         elif body is None:
-            observation = replace(observation, initial_affine=_observed_affine(config, observation))
+            observation = replace(observation, initial_affine=_observed_affine(config.scene, observation))
     if config.simulation.density is not None and observation.density is not None:
-        raise _two_densities(config)
-    observation = replace(observation, spins_have_gradient=_affine(config) != "zero")
-    return observation if config.observation.window is None else observation.between(*_window(config))
+        raise _two_densities(config.simulation.density)
+    observation = replace(observation, spins_have_gradient=_affine(config.scene) != "zero")
+    window = config.observation.window
+    return observation if window is None else observation.between(*_window(window))
 
 
-def whole_number(config: DictConfig, option: str, least: int = 1) -> int:
+def whole_number(value: object, option: str, least: int = 1) -> int:
     """The value of an option such as simulation.steps, a whole number of at least `least`."""
-    value: Any = OmegaConf.select(config, option)
     if isinstance(value, bool) or not isinstance(value, int) or value < least:
         raise UserError(f"{option}={value} is not accepted; accepted: a whole number from {least}")
     return value
 
 
-def device_from(config: DictConfig) -> torch.device:
+def device_from(device: str) -> torch.device:
     """The device of `device=`; `auto` is the GPU where there is one."""
-    if config.device not in DEVICES:
-        raise unknown_name("device", config.device, DEVICES)
-    if config.device == "cuda" and not torch.cuda.is_available():
+    if device not in DEVICES:
+        raise unknown_name("device", device, DEVICES)
+    if device == "cuda" and not torch.cuda.is_available():
         raise UserError("device=cuda is not available here; accepted: cpu, auto")
-    return torch.device("cuda" if config.device != "cpu" and torch.cuda.is_available() else "cpu")
+    return torch.device("cuda" if device != "cpu" and torch.cuda.is_available() else "cpu")
 
 
-def precision_from(config: DictConfig) -> torch.dtype:
+def precision_from(precision: str) -> torch.dtype:
     """The floating-point type of `precision=`."""
-    if config.precision not in PRECISIONS:
-        raise unknown_name("precision", config.precision, PRECISIONS)
-    return PRECISIONS[config.precision]
+    if precision not in PRECISIONS:
+        raise unknown_name("precision", precision, PRECISIONS)
+    return PRECISIONS[precision]
 
 
-def use_processor(config: DictConfig) -> None:
+def use_processor(config: SimulatingCommand | CalibrateConfig) -> None:
     """Sets the number of CPU threads of `threads=`, null for PyTorch's own choice, and `simulation.backend`."""
     if config.threads is not None:
-        torch.set_num_threads(whole_number(config, "threads"))
-    use_backend(str(config.simulation.backend))
+        torch.set_num_threads(whole_number(config.threads, "threads"))
+    use_backend(config.simulation.backend)
 
 
-def body_from(config: DictConfig) -> PointCloud:
+def body_from(scene: Scene) -> PointCloud:
     """The particles of the scene with their velocities; those of a file keep the file's under the added ones.
 
     A point file or a mesh goes before scene.shape, which has a default; there is only one of the two.
     """
-    scene = config.scene
     centre = list(scene.centre)
     if scene.particles is not None and scene.mesh is not None:
         raise UserError(
@@ -180,35 +188,35 @@ def body_from(config: DictConfig) -> PointCloud:
     else:
         body = particles(scene.shape, centre, scene.side, scene.particles_per_edge, scene.lattice)
     velocity = spin_velocity(body.position, body.velocity + list(scene.velocity), list(scene.spin), centre)
-    return body._replace(velocity=velocity, affine=_start_affine(config, body))
+    return body._replace(velocity=velocity, affine=_start_affine(scene, body))
 
 
-def _affine(config: DictConfig) -> str:
+def _affine(scene: Scene) -> str:
     """The word of `scene.affine`."""
-    if config.scene.affine not in AFFINES:
-        raise unknown_name("scene.affine", config.scene.affine, AFFINES)
-    return str(config.scene.affine)
+    if scene.affine not in AFFINES:
+        raise unknown_name("scene.affine", scene.affine, AFFINES)
+    return scene.affine
 
 
-def _start_affine(config: DictConfig, body: PointCloud) -> Float[np.ndarray, "particles 3 3"] | None:
+def _start_affine(scene: Scene, body: PointCloud) -> Float[np.ndarray, "particles 3 3"] | None:
     """C of a body and of the spin that is added to it; None for 0.
 
     body  with velocities of its own, of a file, and the C that a trajectory file says
     """
-    word, points = _affine(config), str(config.scene.particles or "").lower().endswith(".npz")
+    word, points = _affine(scene), str(scene.particles or "").lower().endswith(".npz")
     if word == "zero":
         return None
     own = body.affine
     if word == "velocity" or points:
         own = velocity_gradients(body.position, body.velocity, body.volume)
     affine = np.zeros((len(body.position), 3, 3)) if own is None else own
-    affine = affine + spin_gradient(list(config.scene.spin))
+    affine = affine + spin_gradient(list(scene.spin))
     return affine if affine.any() else None
 
 
-def _observed_affine(config: DictConfig, observation: Observation) -> Float[np.ndarray, "particles 3 3"] | None:
+def _observed_affine(scene: Scene, observation: Observation) -> Float[np.ndarray, "particles 3 3"] | None:
     """C of the start that a trajectory file shows; None for 0, and where the start velocity is not known."""
-    velocity, word = observation.initial_velocity, _affine(config)
+    velocity, word = observation.initial_velocity, _affine(scene)
     if velocity is None or word == "zero":
         return None
     if word == "velocity":
@@ -216,32 +224,28 @@ def _observed_affine(config: DictConfig, observation: Observation) -> Float[np.n
     return observation.initial_affine
 
 
-def _two_densities(config: DictConfig) -> UserError:
+def _two_densities(density: float) -> UserError:
     return UserError(
-        f"simulation.density={config.simulation.density} has no effect on particles that bring their density; "
-        "accepted: one of the two"
+        f"simulation.density={density:g} has no effect on particles that bring their density; accepted: one of the two"
     )
 
 
-def _where(config: DictConfig) -> str:
-    scene = config.scene
+def _where(scene: Scene) -> str:
     if scene.particles is not None:
         return f"scene.particles={scene.particles}"
     body = f"scene.shape={scene.shape}" if scene.mesh is None else f"scene.mesh={scene.mesh}"
     return f"{body} scene.centre={list(scene.centre)} scene.side={scene.side}"
 
 
-def _observed_body(config: DictConfig) -> PointCloud | None:
+def _observed_body(scene: Scene) -> PointCloud | None:
     """The body of `scene.*`; None where it says nothing."""
-    scene = config.scene
     if scene.shape is None and scene.particles is None and scene.mesh is None:
         return None
-    return body_from(OmegaConf.create({"scene": {**scene, **_known_motion(config)}}))
+    return body_from(replace(scene, **_known_motion(scene)))
 
 
-def _known_motion(config: DictConfig) -> dict[str, list[float]]:
+def _known_motion(scene: Scene) -> dict[str, list[float]]:
     """Velocity and spin of the start as far as `scene.*` says, zeros otherwise."""
-    scene = config.scene
     known = scene.velocity is not None
     given = {"velocity": scene.velocity or [0.0, 0.0, 0.0], "spin": (scene.spin if known else None) or [0.0, 0.0, 0.0]}
     for name, vector in given.items():
@@ -251,28 +255,28 @@ def _known_motion(config: DictConfig) -> dict[str, list[float]]:
 
 
 def _known_start(
-    config: DictConfig, position: Float[np.ndarray, "particles 3"], body: PointCloud | None
+    scene: Scene, position: Float[np.ndarray, "particles 3"], body: PointCloud | None
 ) -> tuple[Float[np.ndarray, "particles 3"], Float[np.ndarray, "particles 3 3"] | None]:
     """Velocities and C of `scene.velocity` and `scene.spin`, of the body of `scene.*` or of the file's particles."""
     if body is not None:
         return body.velocity, body.affine
-    given = _known_motion(config)
+    given = _known_motion(scene)
     velocity = np.broadcast_to(np.array(given["velocity"]), position.shape)
-    turning = _affine(config) != "zero" and any(given["spin"])
+    turning = _affine(scene) != "zero" and any(given["spin"])
     affine = np.tile(spin_gradient(given["spin"]), (len(position), 1, 1)) if turning else None
     return spin_velocity(position, velocity, given["spin"]), affine
 
 
-def _observed_settings(config: DictConfig, own: SimulationSettings) -> SimulationSettings:
+def _observed_settings(simulation: ObservedSimulation, scene: Scene, own: SimulationSettings) -> SimulationSettings:
     """The observation's settings with what `simulation.*` says instead."""
     names = ("time_step", "grid_spacing", "wall_distance", "gravity", "boundary", "density", "friction", "domain")
-    given = {name: config.simulation[name] for name in names if config.simulation[name] is not None}
+    given = {name: value for name in names if (value := getattr(simulation, name)) is not None}
     if "gravity" in given:
         given["gravity"] = tuple(float(component) for component in given["gravity"])
     if "domain" in given:
         given["domain"] = domain_of(given["domain"])
-    spacing = grid_spacing_from(config.simulation)
-    given |= surroundings_from(config.scene) | ({} if spacing is None else {"grid_spacing": spacing})
+    spacing = grid_spacing_from(simulation)
+    given |= surroundings_from(scene) | ({} if spacing is None else {"grid_spacing": spacing})
     settings = replace(own, **given)
     # those of a file may be thinner, as long as the motion lets them
     if own.walls_hold or "wall_distance" in given:
@@ -280,8 +284,7 @@ def _observed_settings(config: DictConfig, own: SimulationSettings) -> Simulatio
     return settings
 
 
-def _window(config: DictConfig) -> tuple[float, float]:
-    window = config.observation.window
-    if not OmegaConf.is_list(window) or len(window) != 2 or any(isinstance(end, (bool, str)) for end in window):
+def _window(window: object) -> tuple[float, float]:
+    if not isinstance(window, list) or len(window) != 2 or any(isinstance(end, (bool, str)) for end in window):
         raise UserError(f"observation.window={window} is not accepted; accepted: two times [s]")
     return float(window[0]), float(window[1])

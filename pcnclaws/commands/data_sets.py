@@ -1,49 +1,49 @@
-"""The generated data set that a configuration asks for, made where it is missing."""
+"""Generated data sets that a configuration asks for, made where they are missing."""
 
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from pcnclaws.commands.configuration import (
     body_from,
     execution_from,
-    material_from,
     precision_from,
     settings_from,
     whole_number,
 )
 from pcnclaws.commands.outputs import check_ending
+from pcnclaws.commands.typed_configs import GenerateConfig
 from pcnclaws.data.generation import Progress as Report
 from pcnclaws.data.generation import generate_data_set
 from pcnclaws.data.sampling import DataSetPlan, planned_scenes
 from pcnclaws.errors import UserError
+from pcnclaws.laws.materials import material_named
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.time_step import stability_of
 
 log = logging.getLogger(__name__)
 
 
-def plan_from(config: DictConfig) -> DataSetPlan:
+def plan_from(config: GenerateConfig) -> DataSetPlan:
     """The data set of `material`, `scene.*`, `simulation.*` and `data.*`.
 
     simulation.time_step=auto is the step that the fastest and stiffest scene of the data set allows.
     raises  UserError, also when a scene of it would not be stable
     """
-    plan = _plan(config, settings_from(config, automatic=SimulationSettings.time_step))
+    plan = _plan(config, settings_from(config.simulation, automatic=SimulationSettings.time_step))
     scenes = [stability_of(start) for starts in planned_scenes(plan).values() for start in starts]
     if config.simulation.time_step == "auto":
         stiffest = max(scenes, key=lambda scene: scene.cfl)
-        return _plan(config, settings_from(config, stiffest.automatic_time_step))
+        return _plan(config, settings_from(config.simulation, stiffest.automatic_time_step))
     max(scenes, key=lambda scene: scene.cfl / scene.stable_cfl).check()
     return plan
 
 
-def ready_data_set(config: DictConfig) -> dict[str, list[Path]]:
+def ready_data_set(config: GenerateConfig) -> dict[str, list[Path]]:
     """Files of the configured data set by split ('train', 'validation', 'test'); what is missing is made.
 
     raises  UserError when data.folder holds another data set, SimulationDiverged naming the scene
@@ -59,11 +59,11 @@ def ready_data_set(config: DictConfig) -> dict[str, list[Path]]:
         return generate_data_set(plan, str(config.data.folder), execution_from(config), report)
 
 
-def _plan(config: DictConfig, settings: SimulationSettings) -> DataSetPlan:
+def _plan(config: GenerateConfig, settings: SimulationSettings) -> DataSetPlan:
     for option in ("velocity", "spin"):
-        if any(component != 0.0 for component in config.scene[option]):
+        if any(component != 0.0 for component in getattr(config.scene, option)):
             raise UserError(
-                f"scene.{option}={list(config.scene[option])} is not accepted here: the motions of a data "
+                f"scene.{option}={getattr(config.scene, option)} is not accepted here: the motions of a data "
                 "set are drawn; accepted: [0, 0, 0]"
             )
     if config.scene.affine != "zero":
@@ -72,16 +72,16 @@ def _plan(config: DictConfig, settings: SimulationSettings) -> DataSetPlan:
             "in the paper; accepted: zero"
         )
     return DataSetPlan(
-        material=material_from(config),
+        material=material_named(config.material.name),
         settings=settings,
-        body=body_from(config),
-        steps=whole_number(config, "simulation.steps"),
-        every=whole_number(config, "data.every"),
-        keyframe_every=whole_number(config, "data.keyframe_every"),
-        train_scenes=whole_number(config, "data.train_scenes"),
-        validation_scenes=whole_number(config, "data.validation_scenes"),
-        seed=whole_number(config, "data.seed", least=0),
-        precision=str(precision_from(config)).removeprefix("torch."),
+        body=body_from(config.scene),
+        steps=whole_number(config.simulation.steps, "simulation.steps"),
+        every=whole_number(config.data.every, "data.every"),
+        keyframe_every=whole_number(config.data.keyframe_every, "data.keyframe_every"),
+        train_scenes=whole_number(config.data.train_scenes, "data.train_scenes"),
+        validation_scenes=whole_number(config.data.validation_scenes, "data.validation_scenes"),
+        seed=whole_number(config.data.seed, "data.seed", least=0),
+        precision=str(precision_from(config.precision)).removeprefix("torch."),
     )
 
 

@@ -1,4 +1,4 @@
-"""What an estimation ends with: a table, a JSON file and pictures."""
+"""Results of an estimation: a table, a JSON file and pictures."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,12 +1,13 @@
-"""From the configuration of an estimation to its unknowns and where the search for them begins."""
+"""Unknowns of an estimation and the start of its search, from typed options."""
 
 import logging
+from collections.abc import Mapping
 
 import numpy as np
-from omegaconf import DictConfig
 from rich.console import Console
 
 from pcnclaws.commands.configuration import whole_number
+from pcnclaws.commands.typed_configs import EstimateConfig
 from pcnclaws.data.observation import Observation
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.estimation.inverse import EstimatorSettings
@@ -21,16 +22,16 @@ from pcnclaws.laws.parameters import PARAMETERS
 log = logging.getLogger(__name__)
 
 
-def estimator_from(config: DictConfig) -> EstimatorSettings:
+def estimator_from(config: EstimateConfig) -> EstimatorSettings:
     """The settings of `estimator.*`."""
     return EstimatorSettings(
         str(config.estimator.name),
-        whole_number(config, "estimator.iterations"),
+        whole_number(config.estimator.iterations, "estimator.iterations"),
         float(config.estimator.learning_rate),
     )
 
 
-def noise_from(config: DictConfig) -> float | None:
+def noise_from(config: EstimateConfig) -> float | None:
     """The standard deviation of observed coordinates [m] of `observation.noise`, None where it is not known."""
     noise = config.observation.noise
     if noise is None:
@@ -43,9 +44,9 @@ def noise_from(config: DictConfig) -> float | None:
     return float(noise)
 
 
-def unknowns_from(config: DictConfig, material: Material, observation: Observation) -> Unknowns:
+def unknowns_from(config: EstimateConfig, material: Material, observation: Observation) -> Unknowns:
     """What is sought: the parameters but for `fixed.*`, where they `vary`, and what `unknown.*` adds."""
-    fixed = _given(config, "fixed", material)
+    fixed = _given("fixed", config.fixed, material)
     for name, value in fixed.items():
         if not PARAMETERS[name].accepts(value):
             raise UserError(f"fixed.{name}={value:g} is not accepted; accepted: {PARAMETERS[name].accepted}")
@@ -68,9 +69,9 @@ def unknowns_from(config: DictConfig, material: Material, observation: Observati
     )
 
 
-def guess_from(config: DictConfig, material: Material, problem: EstimationProblem) -> np.ndarray:
+def guess_from(config: EstimateConfig, material: Material, problem: EstimationProblem) -> np.ndarray:
     """Coordinates of initial_guess: the middle of the material's ranges where it says nothing, put inside bounds."""
-    given = _given(config, "initial_guess", material)
+    given = _given("initial_guess", config.initial_guess, material)
     inside: dict[str, float] = {}
     for name in material.parameter_names:
         value, limits = given.get(name, material.defaults[name]), PARAMETERS[name]
@@ -97,9 +98,11 @@ def guess_from(config: DictConfig, material: Material, problem: EstimationProble
     return stable
 
 
-def start_from_guess(config: DictConfig, problem: EstimationProblem, guess: np.ndarray, console: Console) -> np.ndarray:
+def start_from_guess(
+    config: EstimateConfig, problem: EstimationProblem, guess: np.ndarray, console: Console
+) -> np.ndarray:
     """The best of the guess and of the `screening` starts."""
-    count = whole_number(config, "screening", least=0)
+    count = whole_number(config.screening, "screening", least=0)
     if not count:
         return guess
     start, errors = screened_start(problem, guess, count, int(config.seed))
@@ -108,12 +111,15 @@ def start_from_guess(config: DictConfig, problem: EstimationProblem, guess: np.n
     return start
 
 
-def _given(config: DictConfig, option: str, material: Material) -> dict[str, float]:
+def _given(option: str, values: Mapping[str, object], material: Material) -> dict[str, float]:
     """The numbers of initial_guess or fixed that are not null; UserError for one that the material does not have."""
-    given = {str(name): value for name, value in config[option].items() if value is not None}
-    for name, value in given.items():
+    given: dict[str, float] = {}
+    for name, value in values.items():
+        if value is None:
+            continue
         if name not in material.parameter_names:
             raise unknown_name(option, name, material.parameter_names)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise UserError(f"{option}.{name}={value} is not accepted; accepted: a number")
-    return {name: float(value) for name, value in given.items()}
+        given[name] = float(value)
+    return given

@@ -1,4 +1,4 @@
-"""The one launcher of all entry points: composes the configuration, runs the task, ends with an exit status.
+"""Launcher of all entry points: composes the configuration, runs the task, ends with an exit status.
 
     0    done
     1    the run failed: a diverged simulation, Ctrl-C (SIGINT), a full disk, a bug
@@ -17,7 +17,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -41,13 +41,14 @@ from pcnclaws.commands.composition import (
 from pcnclaws.commands.folder_names import swept_options
 from pcnclaws.commands.signals import signals_end_it
 from pcnclaws.commands.sweeps import Job, sweep_table
+from pcnclaws.commands.typed_configs import Command
 from pcnclaws.errors import CannotWrite, Interrupted, SimulationDiverged, UserError, is_full, reason
 
 FAILED, WRONG_INPUT, TERMINATED = 1, 2, 128 + signal.SIGTERM
 # Width of the table of a sweep where the output is not a terminal: folders are long.
 PLAIN_WIDTH = 160
-# What a command does; it may return numbers that a sweep shows of it, by name and unit.
-Task = Callable[[DictConfig], Mapping[str, float | None] | None]
+# What a command does with its typed configuration; it may return numbers that a sweep shows of it, by name and unit.
+Task = Callable[[Any], Mapping[str, float | None] | None]
 
 
 def main(task: Task, entry: str) -> NoReturn:
@@ -139,9 +140,9 @@ class Jobs:
         multirun = HydraConfig.get().mode == RunMode.MULTIRUN
         overrides, output = task_overrides(), ""
         try:
-            config = self._checked(config, overrides)
-            output = str(config.output)
-            numbers = self.task(config) or {}
+            options = self._checked(config, overrides)
+            output = str(options.output)
+            numbers = self.task(options) or {}
             self._done.append(Job(overrides, 0, output, numbers))
         except Exception as error:
             status = self.record(error, f"job '{' '.join(overrides)}': " if multirun else "")
@@ -171,16 +172,16 @@ class Jobs:
             console = Console() if Console().is_terminal else Console(width=PLAIN_WIDTH)
             console.print(sweep_table(self._done, self.swept))
 
-    def _checked(self, config: DictConfig, overrides: list[str]) -> DictConfig:
+    def _checked(self, config: DictConfig, overrides: list[str]) -> Command:
         try:
-            config = checked(self.entry, config, overrides, self.swept)
+            options = checked(self.entry, config, overrides, self.swept)
         except CONFIG_ERRORS as error:
             raise explain(self.entry, overrides, error) from error
-        output = os.path.realpath(str(config.output))
+        output = os.path.realpath(str(options.output))
         if output in self._outputs:
-            raise UserError(f"output={config.output} is shared with another job; accepted: one output for each job")
+            raise UserError(f"output={options.output} is shared with another job; accepted: one output for each job")
         self._outputs.add(output)
-        return config
+        return options
 
 
 def _launch(jobs: Jobs, flags: list[str], overrides: list[str]) -> None:

@@ -1,4 +1,4 @@
-"""What a `model` config or a run folder names: the table from names to what builds them, and nothing else is built."""
+"""Models by name: what a `model` config or a run folder may name, and nothing else is built."""
 
 from collections.abc import Callable, Mapping
 

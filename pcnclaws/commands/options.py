@@ -1,10 +1,8 @@
-"""What the options of a configuration may be: known names, and values of the kind of their defaults."""
+"""Accepted options of a configuration: known names, and values of the kind of their defaults."""
 
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
-
-from omegaconf import DictConfig, OmegaConf
 
 from pcnclaws.errors import UserError, unknown_name
 
@@ -33,14 +31,13 @@ FREE_OPTIONS = (
 LISTED = 12
 
 
-def leaves(config: DictConfig, prefix: str = "") -> Iterator[tuple[str, Any]]:
+def leaves(options: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Every option by its dotted name, with its value: a scalar, a list, or None."""
-    for key in config:
-        option, value = f"{prefix}{key}", config[key]
-        if isinstance(value, DictConfig) and value:
-            yield from leaves(value, f"{option}.")
+    for key, value in options.items():
+        if isinstance(value, Mapping) and value:
+            yield from leaves(value, f"{prefix}{key}.")
         else:
-            yield option, OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
+            yield f"{prefix}{key}", value
 
 
 def is_free(option: str) -> bool:

@@ -1,9 +1,9 @@
-"""Where results go: `output=`, looked at before the work begins."""
+"""Output paths: `output=`, looked at before the work begins."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
-from omegaconf import DictConfig, OmegaConf
-
+from pcnclaws.commands.typed_configs import Scene
 from pcnclaws.errors import UserError
 
 TRAJECTORY, RESULT, TABLE = (".h5", ".hdf5"), (".json",), (".csv",)
@@ -17,19 +17,19 @@ PROGRAMS = (".pt", ".pth", ".pt2", ".ckpt", ".onnx", ".safetensors", ".py", ".ip
 FORMATS = frozenset((*ARRAYS, *TEXTS, *MESHES, *FIELDS, *PICTURES, *PROGRAMS))
 
 
-def output_file(config: DictConfig, *endings: str) -> Path:
+def output_file(output: str, sources: Mapping[str, object], *endings: str) -> Path:
     """The path of `output=`: a file may be written there, and it does not end like one of another format.
 
+    sources  paths of what is read, by option; None where nothing is
     endings  of the format that is written
     raises   UserError
     """
-    path = Path(config.output)
+    path = Path(output)
     if path.is_dir():
         raise UserError(f"output={path} is a folder; accepted: the path of a file")
     if path.exists() and not path.is_file():
         raise UserError(f"output={path} is not a regular file; accepted: the path of a file")
-    for option in ("trajectories", "scene.particles", "scene.mesh", "observation.file", "file"):
-        source = OmegaConf.select(config, option)
+    for option, source in sources.items():
         if source is not None and path.resolve() == Path(str(source)).resolve():
             raise UserError(f"output={path} is the file of {option}, which would be lost; accepted: another path")
     existing = next(parent for parent in path.absolute().parents if parent.exists())
@@ -37,6 +37,11 @@ def output_file(config: DictConfig, *endings: str) -> Path:
         raise UserError(f"output={path} cannot be written: {existing} is not a folder; accepted: the path of a file")
     check_ending("output", path, *endings)
     return path
+
+
+def scene_files(scene: Scene) -> dict[str, object]:
+    """The files that a scene is read from, by option."""
+    return {"scene.particles": scene.particles, "scene.mesh": scene.mesh}
 
 
 def check_ending(option: str, path: str | Path, *endings: str) -> None:

@@ -1,4 +1,4 @@
-"""A progress bar with the time left, on stderr, gone when done."""
+"""Progress bars with the time left, on stderr, gone when done."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

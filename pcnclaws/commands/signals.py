@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM as one exception, so that whatever runs ends in order: nothing half written stays, locks go."""
+"""Signals: SIGINT and SIGTERM as one exception, so that whatever runs ends in order, with nothing half written."""
 
 import signal
 import sys

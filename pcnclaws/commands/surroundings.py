@@ -3,8 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from omegaconf import DictConfig, OmegaConf
-
+from pcnclaws.commands.typed_configs import Scene, ScenesSettings
 from pcnclaws.errors import UserError
 from pcnclaws.mpm.colliders import Collider
 from pcnclaws.mpm.loads import Load
@@ -21,7 +20,7 @@ def domain_of(value: Any) -> Domain | None:
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])
 
 
-def grid_spacing_from(simulation: DictConfig) -> float | None:
+def grid_spacing_from(simulation: ScenesSettings) -> float | None:
     """The grid spacing of simulation.grid_nodes, cells along an edge of the unit box [m]; None where it is null."""
     nodes = simulation.grid_nodes
     if nodes is None:
@@ -36,18 +35,17 @@ def grid_spacing_from(simulation: DictConfig) -> float | None:
     return 1.0 / nodes
 
 
-def surroundings_from(scene: DictConfig) -> dict[str, Any]:
+def surroundings_from(scene: Scene) -> dict[str, Any]:
     """The colliders and loads of `scene.*`, by name; without those that are null."""
     found: dict[str, Any] = {}
     if scene.colliders is not None:
-        found["colliders"] = tuple(_all_of(scene, "colliders", Collider.from_options))
+        found["colliders"] = tuple(_all_of(scene.colliders, "colliders", Collider.from_options))
     if scene.loads is not None:
-        found["loads"] = tuple(_all_of(scene, "loads", Load.from_options))
+        found["loads"] = tuple(_all_of(scene.loads, "loads", Load.from_options))
     return found
 
 
-def _all_of(scene: DictConfig, name: str, make: Callable[[Mapping[str, Any], str], Thing]) -> list[Thing]:
-    things: Any = OmegaConf.to_container(scene[name]) if OmegaConf.is_config(scene[name]) else scene[name]
+def _all_of(things: Any, name: str, make: Callable[[Mapping[str, Any], str], Thing]) -> list[Thing]:
     if not isinstance(things, list) or not all(isinstance(thing, dict) for thing in things):
         raise UserError(f"scene.{name}={things} is not accepted; accepted: a list of options in braces, [{{...}}, ...]")
     return [make(thing, f"scene.{name}[{number}]") for number, thing in enumerate(things)]

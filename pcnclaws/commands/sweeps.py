@@ -1,4 +1,4 @@
-"""The table that a sweep ends with: its jobs, what was swept, what came out and where it is."""
+"""Sweep table: the jobs of a sweep, what was swept, what came out and where it is."""
 
 import os
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What a training run ends with: errors before and after on unseen objects, as table, JSON and pictures."""
+"""Results of a training run: errors before and after on unseen objects, as table, JSON and pictures."""
 
 import time
 from dataclasses import dataclass, replace

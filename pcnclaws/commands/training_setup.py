@@ -1,11 +1,10 @@
-"""From the configuration to what trains a model: its module, its batches and its clock."""
+"""Module, batches and clock of a training run, from typed options."""
 
 import math
 from typing import NamedTuple, TypeAlias
 
-from omegaconf import DictConfig
-
 from pcnclaws.commands.configuration import precision_from, skips_from, whole_number
+from pcnclaws.commands.typed_configs import TrainConfig
 from pcnclaws.data.datamodule import CheckedDataModule, TrajectoryDataModule
 from pcnclaws.data.dataset import SegmentDataset
 from pcnclaws.data.segments import SegmentPlan
@@ -37,14 +36,14 @@ class Setup(NamedTuple):
     notes: tuple[str, ...]
 
 
-def regime_from(config: DictConfig) -> type[ConstitutiveModule]:
+def regime_from(config: TrainConfig) -> type[ConstitutiveModule]:
     """The regime of `regime=`."""
     if config.regime.name not in REGIMES:
         raise unknown_name("regime", config.regime.name, REGIMES)
     return REGIMES[config.regime.name]
 
 
-def check_training(config: DictConfig) -> None:
+def check_training(config: TrainConfig) -> None:
     """Refuses wrong options of `training.*` before any data is made."""
     _plan(config)
     _optimiser(config)
@@ -52,7 +51,7 @@ def check_training(config: DictConfig) -> None:
     _noise(config)
 
 
-def setup(config: DictConfig, model: Model, scenes: TrainingScenes) -> Setup:
+def setup(config: TrainConfig, model: Model, scenes: TrainingScenes) -> Setup:
     """What trains the model: by single steps a model of motion, through the simulation the laws of a material."""
     every, notes = _check_every(config)
     clock = WallClock(_budget(config))
@@ -62,22 +61,24 @@ def setup(config: DictConfig, model: Model, scenes: TrainingScenes) -> Setup:
 
 
 def _simulated(
-    config: DictConfig, model: Model, scenes: TrainingScenes, check_every: int, clock: WallClock
+    config: TrainConfig, model: Model, scenes: TrainingScenes, check_every: int, clock: WallClock
 ) -> Prepared:
     if isinstance(model, MotionModel):
         raise TypeError("a model of motion is not trained through a simulation")
     plan = _plan(config)
-    data = TrajectoryDataModule(scenes.training, scenes.validation, plan, check_every, precision_from(config))
+    data = TrajectoryDataModule(scenes.training, scenes.validation, plan, check_every, precision_from(config.precision))
     settings = data.dataset.settings
-    module = regime_from(config)(model, settings, _optimiser(config), plan.iterations, skips_from(config))
+    module = regime_from(config)(model, settings, _optimiser(config), plan.iterations, skips_from(config.simulation))
     return module, data, (*data.dataset.notes, _segments_in_words(data.dataset)) if plan.iterations else ()
 
 
-def _one_step(config: DictConfig, model: Model, scenes: TrainingScenes, check_every: int, clock: WallClock) -> Prepared:
+def _one_step(
+    config: TrainConfig, model: Model, scenes: TrainingScenes, check_every: int, clock: WallClock
+) -> Prepared:
     if not isinstance(model, MotionModel):
         raise TypeError("laws are not trained by single steps")
     training = config.training
-    iterations, batch = training.iterations, whole_number(config, "training.batch_segments")
+    iterations, batch = training.iterations, whole_number(config.training.batch_segments, "training.batch_segments")
     windows = model.windows(scenes.training, iterations, batch, _noise(config), config.seed)
     data = CheckedDataModule(windows, iterations, scenes.validation, check_every)
     optimiser = _optimiser(config)
@@ -94,19 +95,19 @@ def _segments_in_words(dataset: SegmentDataset) -> str:
     return f"segments of {first if first == last else f'{first} to {last}'} steps start from {words}"
 
 
-def _optimiser(config: DictConfig) -> OptimiserSettings:
+def _optimiser(config: TrainConfig) -> OptimiserSettings:
     training = config.training
     return OptimiserSettings(
         float(training.learning_rate),
         gradient_clip=_number_or_none(training.gradient_clip),
-        loss=str(training.loss),
+        loss=training.loss,
         loss_scale=_number_or_none(training.loss_scale),
         plastic_learning_rate=_number_or_none(training.plastic_learning_rate),
         step_back=bool(training.step_back),
     )
 
 
-def _plan(config: DictConfig) -> SegmentPlan:
+def _plan(config: TrainConfig) -> SegmentPlan:
     training = config.training
     return SegmentPlan(
         iterations=training.iterations,
@@ -119,9 +120,9 @@ def _plan(config: DictConfig) -> SegmentPlan:
     )
 
 
-def _check_every(config: DictConfig) -> tuple[int, tuple[str, ...]]:
+def _check_every(config: TrainConfig) -> tuple[int, tuple[str, ...]]:
     """Iterations between two checks: the divisor of training.iterations nearest to training.check_every; a note."""
-    wanted, iterations = whole_number(config, "training.check_every"), config.training.iterations
+    wanted, iterations = whole_number(config.training.check_every, "training.check_every"), config.training.iterations
     if iterations == 0:
         return wanted, ("training.iterations=0: nothing is fitted, the run holds the untrained model",)
     divisors = [n for n in range(1, iterations + 1) if iterations % n == 0]
@@ -130,7 +131,7 @@ def _check_every(config: DictConfig) -> tuple[int, tuple[str, ...]]:
     return nearest, () if nearest == wanted else (note,)
 
 
-def _budget(config: DictConfig) -> float | None:
+def _budget(config: TrainConfig) -> float | None:
     seconds = _number_or_none(config.training.seconds)
     if seconds is not None and not seconds > 0.0:
         raise UserError(
@@ -139,8 +140,8 @@ def _budget(config: DictConfig) -> float | None:
     return seconds
 
 
-def _noise(config: DictConfig) -> float:
-    noise = float(config.training.get("noise", NO_NOISE))
+def _noise(config: TrainConfig) -> float:
+    noise = config.training.noise or NO_NOISE
     if not noise >= 0.0:
         raise UserError(f"training.noise={noise} is not accepted; accepted: a number from 0 [m]")
     return noise

@@ -1,11 +1,14 @@
-"""What the segments of a training start from: what was asked for, or what the data allow."""
+"""Initial states of training segments: restart states, or the initial condition where the data hold none."""
 
 from collections.abc import Sequence
-
-from omegaconf import DictConfig, OmegaConf
+from dataclasses import replace
+from functools import reduce
+from operator import getitem
 
 from pcnclaws.commands.composition import file_options, stated_options
 from pcnclaws.commands.configuration import whole_number
+from pcnclaws.commands.typed import plain, typed
+from pcnclaws.commands.typed_configs import TrainConfig, Training
 from pcnclaws.errors import UserError
 from pcnclaws.simulation.motion import Model, MotionModel
 from pcnclaws.simulation.records import SceneRecord
@@ -15,8 +18,8 @@ GROUP, WITHOUT_KEYFRAMES = "training", "initial"
 
 
 def settled_start(
-    config: DictConfig, model: Model, scenes: Sequence[SceneRecord] | None
-) -> tuple[DictConfig, tuple[str, ...]]:
+    config: TrainConfig, model: Model, scenes: Sequence[SceneRecord] | None
+) -> tuple[TrainConfig, tuple[str, ...]]:
     """The configuration with the start that the data allow, and a line for the user where that is another one.
 
     Where there are no keyframes to start from, the settings are those of training=initial but for those that the user
@@ -40,9 +43,11 @@ def settled_start(
         raise UserError(
             f"training.start=keyframes is not accepted: {reason}; accepted: training=initial, for positions only"
         )
-    settled = config.copy()
+    training = plain(config.training)
     for option, value in settings.items():
-        OmegaConf.update(settled, f"{GROUP}.{option}", value)
+        *groups, name = option.split(".")
+        reduce(getitem, groups, training)[name] = value
+    settled = replace(config, training=typed(Training, training))
     shown = ", ".join(f"training.{option}={value}" for option, value in settings.items())
     return settled, (f"trains on positions only, since {reason}: {shown}, as in training=initial",)
 
@@ -56,7 +61,10 @@ def _no_keyframes(scenes: Sequence[SceneRecord]) -> str | None:
     return f"{which} has keyframes after its start"
 
 
-def _no_keyframes_made(config: DictConfig) -> str | None:
+def _no_keyframes_made(config: TrainConfig) -> str | None:
     """The same of scenes that are generated."""
-    every, steps = whole_number(config, "data.keyframe_every"), whole_number(config, "simulation.steps")
+    every, steps = (
+        whole_number(config.data.keyframe_every, "data.keyframe_every"),
+        whole_number(config.simulation.steps, "simulation.steps"),
+    )
     return None if every < steps else f"data.keyframe_every={every} leaves none within simulation.steps={steps}"

@@ -1,4 +1,4 @@
-"""Options that have no effect beside others: whoever sets one is told, before any work begins.
+"""Options without effect beside others: whoever sets one is told, before any work begins.
 
 Only what the user wrote counts, not what a group of options or a default says; null and false ask for nothing.
 """
@@ -10,9 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from pcnclaws.errors import UserError
-from pcnclaws.geometry.implicit_shapes import BODIES
 from pcnclaws.laws.materials import MATERIALS
-from pcnclaws.laws.parameters import PARAMETERS
 
 log = logging.getLogger(__name__)
 
@@ -80,7 +78,7 @@ def check_unused(entry: str, written: Options, options: Options) -> None:
     written  values by name of the options on the command line; the choice of a group is one of them
     options  the values of all options by name
     """
-    for rule in RULES.get(entry, ()):
+    for rule in (*RULES.get(entry, ()), *_beside_fixed(options)):
         idle = [name for name, value in written.items() if value is not None and value is not False]
         idle = [name for name in idle if any(fnmatchcase(name, pattern) for pattern in rule.options)]
         if not idle or not rule.holds(options):
@@ -107,10 +105,18 @@ def _other_file(name: str, *endings: str) -> Callable[[Options], bool]:
 
 def _elastic(options: Options) -> bool:
     material = MATERIALS.get(str(options.get("material.name")))
-    return material is not None and material.plasticity is None
+    return material is not None and material.plastic is None
+
+
+def _beside_fixed(options: Options) -> list[Rule]:
+    """No parameter is guessed that is known."""
+    names = [option.removeprefix("fixed.") for option in options if option.startswith("fixed.")]
+    return [Rule((f"initial_guess.{name}",), f"beside fixed.{name}", _given(f"fixed.{name}")) for name in names]
 
 
 def _of_cells(options: Options) -> bool:
+    from pcnclaws.geometry.implicit_shapes import BODIES  # loads NumPy
+
     return options.get("scene.mesh") is None and options.get("scene.shape") in BODIES
 
 
@@ -181,7 +187,6 @@ RULES: Mapping[str, Sequence[Rule]] = {
         Rule(("scene.spin",), "without scene.velocity", _is("scene.velocity", None)),
         Rule(("observation.scene",), "on a CSV file, which holds one scene", _is_table),
         Rule(("estimator.learning_rate",), "with estimator=gauss_newton", _is("estimator.name", "gauss_newton")),
-        *(Rule((f"initial_guess.{name}",), f"beside fixed.{name}", _given(f"fixed.{name}")) for name in PARAMETERS),
         Rule(("seed",), "with screening=0, which draws nothing", _is("screening", 0), False),
     ),
     "observe": (Rule(("seed",), "where every particle is seen, without noise or gaps", _nothing_drawn, False),),

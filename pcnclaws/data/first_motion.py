@@ -1,4 +1,4 @@
-"""Does a recording begin as its file says: undeformed, and with its initial velocities? One line for each file if not.
+"""Consistency of the initial condition: does a recording begin undeformed, and with its initial velocities?
 
 Such a recording is still simulated as the file says. What follows is then an error of the file, and looks like one of
 the law.

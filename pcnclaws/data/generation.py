@@ -1,4 +1,4 @@
-"""Makes data sets: one file a scene, finished scenes kept whatever happens to the process that makes them.
+"""Generation of data sets: one file a scene, finished scenes kept whatever happens to the process that makes them.
 
     <folder>/data_set.json                    the plan that the folder belongs to
     <folder>/train|validation|test/<name>.h5  one scene each

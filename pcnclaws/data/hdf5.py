@@ -1,4 +1,4 @@
-"""The trajectory file: the only HDF5 reader and writer. docs/conventions.md shows the file as a tree.
+"""Trajectory files: the only HDF5 reader and writer. docs/conventions.md shows the file as a tree.
 
 The reader runs no code from a file and follows no link out of it; whatever is wrong with a file is a UserError of
 one line that names the file, the scene and the fault. The writer replaces a file whole or not at all.

@@ -1,4 +1,4 @@
-"""What was seen of a scene: where some points of a body were at some times, and the body that they belong to."""
+"""Observed motion: where some points of a body were at some times, and the body that they belong to."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

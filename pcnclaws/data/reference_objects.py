@@ -1,4 +1,4 @@
-"""Whether a training scene would give away an object that laws are tested with and never trained on."""
+"""Separation of training and test: whether a training scene would give away an object that laws are tested with."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Which scenes a data set holds: physical parameters and motions, a pure function of the plan."""
+"""Sampling plan of a data set: physical parameters and motions, a pure function of the plan."""
 
 import math
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Which segments a training draws: how many of them, how long, and of which scenes."""
+"""Segment plan of a training: how many segments, how long, and of which scenes."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""A recorded scene on the axis of its steps: where segments may begin, and what they show."""
+"""Timeline of a recorded scene in steps: where segments may begin, and what they show."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Are times and positions in seconds and metres? What cannot be is refused, what is doubtful gets a line."""
+"""Plausibility of units: what cannot be seconds and metres is refused, what is doubtful gets a line."""
 
 import logging
 import math

@@ -1,4 +1,4 @@
-"""The error of the first frame, where each marker is put on the body: it goes along with the body ever after."""
+"""Error of the first frame, where each marker is put on the body: it goes along with the body ever after."""
 
 from dataclasses import replace
 from typing import NamedTuple

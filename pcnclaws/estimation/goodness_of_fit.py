@@ -1,4 +1,4 @@
-"""Whether the motion is fitted: the residual beside the scatter of the positions, and its pattern along a marker.
+"""Goodness of fit: the residual beside the scatter of the positions, and its pattern along a marker.
 
 Errors of the positions are independent from frame to frame. A wrong model leaves a residual that is larger than they
 are, and alike in neighbouring frames.

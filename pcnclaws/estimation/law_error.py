@@ -1,4 +1,4 @@
-"""The error of a law as estimation sees it: by how much it moves markers as the unknowns would [m]."""
+"""Model discrepancy: by how much the error of a law moves markers as the unknowns would [m]."""
 
 import json
 import logging

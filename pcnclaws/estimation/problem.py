@@ -1,4 +1,4 @@
-"""The distance of a simulated motion from the observed one, and how it changes with every unknown.
+"""Least-squares problem of an estimation: residuals of a simulated motion and their Jacobian.
 
 Candidates, and the copies of the scene that carry one derivative each, are scenes of one batch. Derivatives are exact,
 in forward mode: a rollout of K copies gives the Jacobian of K unknowns, and no graph is kept.

@@ -1,4 +1,4 @@
-"""Many starts tried at once: the best of them, or the user's guess, is where the search begins."""
+"""Multi-start: many starts tried at once, of which the best, or the user's guess, is where the search begins."""
 
 from collections.abc import Sequence
 

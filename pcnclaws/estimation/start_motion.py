@@ -1,4 +1,4 @@
-"""A first idea of an unknown start velocity and spin, from the first frames: a body in flight is nearly rigid."""
+"""Initial guess of an unknown start velocity and spin, from the first frames: a body in flight is nearly rigid."""
 
 import numpy as np
 from jaxtyping import Float

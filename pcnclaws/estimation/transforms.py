@@ -1,4 +1,4 @@
-"""What is estimated in place of a bounded physical number: a coordinate that may take any value.
+"""Transforms of bounded physical numbers to coordinates that may take any value.
 
 A step of an optimiser in the coordinate can never leave the bounds, and a relative change of a modulus is the same step
 whatever its size.

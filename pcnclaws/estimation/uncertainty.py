@@ -1,4 +1,4 @@
-"""How well the estimate is known: covariance, intervals, and what the motion cannot tell.
+"""Uncertainty of an estimate: covariance, intervals, and what the motion cannot tell.
 
 Two errors add up. That of the observation is random from one position to the next, and many positions average it out:
 s^2 (J J^T)^-1. That of the law is the same wrong motion everywhere, however many positions are seen: a law that moves a

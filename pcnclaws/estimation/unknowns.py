@@ -1,4 +1,4 @@
-"""The vector of unknowns: which numbers are sought, and what they make of the particles of a scene.
+"""Unknowns of an estimation: which numbers are sought, and what they make of the particles of a scene.
 
 A physical parameter may be one number for the whole scene, one for each body, or two at the ends of a graded body: its
 values at the particles are always a sum of numbers times fixed shares (particles,), and so are start velocities.

@@ -1,4 +1,4 @@
-"""The built-in tasks: scenes that everybody has without a file, and how their true motion is recorded."""
+"""Built-in tasks: scenes that everybody has without a file, and how their true motion is recorded."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""On which steps the frames and keyframes of a record lie, and predictions at these frames."""
+"""Frame alignment: on which steps the frames of a record lie, and predictions at these frames."""
 
 import math
 from collections.abc import Sequence

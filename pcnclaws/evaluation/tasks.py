@@ -1,4 +1,4 @@
-"""Evaluates laws: simulates recorded scenes from their first frames and measures how far the motion is off."""
+"""Errors of a law: recorded scenes are simulated from their first frames and compared."""
 
 import time
 from collections.abc import Mapping, Sequence

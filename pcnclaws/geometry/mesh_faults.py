@@ -1,4 +1,4 @@
-"""What is wrong with a surface that should be closed: how many edges, where the first one is, and how to mend it."""
+"""Faults of a surface that should be closed: how many edges, where the first one is, and how to mend it."""
 
 from pathlib import Path
 

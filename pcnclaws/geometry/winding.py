@@ -1,4 +1,4 @@
-"""How often a closed surface winds around the points of a lattice: once inside, not at all outside.
+"""Winding numbers of the points of a lattice in a closed surface: once inside, not at all outside.
 
 The lattice is cut into planes and each plane into rows, so the cost is that of the crossings, not points times faces.
 A vertex that lies in a plane or a row counts as below it. Faces that share an edge cut it in the same place to the

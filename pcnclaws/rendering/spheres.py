@@ -1,4 +1,4 @@
-"""Draws particles as lit spheres: a small software renderer, so that pictures need nothing but NumPy."""
+"""Sphere rendering of particles: a small software renderer, so that pictures need nothing but NumPy."""
 
 import numpy as np
 from jaxtyping import Float, UInt8

@@ -1,4 +1,4 @@
-"""Which way is up in a picture: against gravity."""
+"""Upright direction of a picture: against gravity."""
 
 import numpy as np
 from jaxtyping import Float

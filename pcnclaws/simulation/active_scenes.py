@@ -1,4 +1,4 @@
-"""Which scenes of a batch run now: the others are still in free fall, or at rest, and need no step."""
+"""Active-set batching: only scenes that need a step run, the others are in free fall or asleep."""
 
 from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple

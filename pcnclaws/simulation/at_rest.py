@@ -1,4 +1,4 @@
-"""Which scenes have come to rest and need no further step."""
+"""Rest detection: scenes that sleep need no further step."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Steps on a GPU, recorded as CUDA graphs.
+"""CUDA graphs of steps on a GPU.
 
 A step of the kernels is some ten operations, one of PyTorch some two hundred, that take microseconds each: launched one
 by one from Python they take several times longer than the GPU needs for them. The mathematics is that of Simulator,

@@ -1,4 +1,4 @@
-"""A simulation step that remembers its inputs instead of its graph."""
+"""Gradient checkpointing of a step: it keeps its inputs instead of its graph."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""Models of motion: learned simulators without constitutive laws, which move scenes by themselves."""
+"""Learned simulators: models without constitutive laws, which move scenes by themselves."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""How far apart the particles of a body are, beside the cells of the grid that carries them."""
+"""Particle spacing of a body beside the cells of the grid that carries it."""
 
 import logging
 from collections.abc import Sequence

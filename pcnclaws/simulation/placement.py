@@ -1,4 +1,4 @@
-"""May a scene start here? Particles belong into the domain and outside its walls."""
+"""Placement of particles: they belong into the domain and outside its walls."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Simulation of scenes with laws, and what is recorded of it."""
+"""Recorded runs: scenes simulated with laws, and what is recorded of them."""
 
 import copy
 from collections.abc import Sequence

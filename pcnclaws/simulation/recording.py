@@ -1,4 +1,4 @@
-"""What is kept of a run: frames, and full states at the keyframes."""
+"""Recording of a run: frames, and restart states at the keyframes."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""A scene as it is recorded: what one group of a trajectory file holds. Particle-first arrays."""
+"""Scene records: what one group of a trajectory file holds. Particle-first arrays."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

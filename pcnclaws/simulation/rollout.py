@@ -1,4 +1,4 @@
-"""Many steps of any simulator: recorded, watched for divergence, or differentiated through.
+"""Rollouts of any simulator: recorded and checked for divergence, or differentiated through.
 
 A step is a function from a state to the next one, so every simulator is run by the same code. Scenes of a batch that
 need no step are left out of it (active_scenes.py).

@@ -1,4 +1,4 @@
-"""The only place where the physics of motion and the physics of material meet."""
+"""Simulator step: the only place where the physics of motion and the physics of material meet."""
 
 from typing import Protocol, runtime_checkable
 

@@ -1,4 +1,4 @@
-"""Does a law leave an undeformed body alone? A question for free fall, where no law is evaluated."""
+"""Stress-free reference state: whether a law leaves an undeformed body alone, so that free fall needs no law."""
 
 import math
 

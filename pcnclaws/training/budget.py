@@ -1,4 +1,4 @@
-"""A training that ends by the clock."""
+"""Wall-clock budget of a training."""
 
 import math
 import time

@@ -1,4 +1,4 @@
-"""What a training run keeps: the loss curve, the best weights, and a checkpoint after every check."""
+"""Callbacks of a training run: the loss curve, the best weights, and a checkpoint after every validation."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What TensorBoard's page HPARAMS compares: the options of a run beside its errors."""
+"""Hyperparameters of TensorBoard's page HPARAMS: the options of a run beside its errors."""
 
 import math
 from collections.abc import Mapping

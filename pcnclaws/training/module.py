@@ -1,4 +1,4 @@
-"""The Lightning module that both regimes share: rollout, loss, optimiser, and the check by a full rollout."""
+"""Lightning module that both regimes share: rollout, loss, optimiser, and validation by a full rollout."""
 
 import logging
 import math

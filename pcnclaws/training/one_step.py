@@ -1,4 +1,4 @@
-"""Training of models of motion: from recorded frames to the next one, no simulation between."""
+"""One-step training of learned simulators: from recorded frames to the next one, no simulation between."""
 
 import logging
 import math

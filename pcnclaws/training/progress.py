@@ -1,4 +1,4 @@
-"""The progress of a training run on the terminal: iterations, speed, loss and the time left."""
+"""Progress of a training run on the terminal: iterations, speed, loss and the time left."""
 
 import time
 from typing import Any

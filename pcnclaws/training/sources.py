@@ -1,4 +1,4 @@
-"""Which scenes a run trains on and which it is checked with."""
+"""Scenes of a training run: which ones it trains on and which it is validated with."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

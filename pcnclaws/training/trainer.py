@@ -1,4 +1,4 @@
-"""One training run: Lightning's trainer with our callbacks, from scratch or from the newest checkpoint."""
+"""Training loop: Lightning's trainer with our callbacks, from scratch or from the newest checkpoint."""
 
 import logging
 import warnings

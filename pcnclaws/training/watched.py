@@ -1,4 +1,4 @@
-"""What every trained module shares: a watch over its gradients, and checks by whole rollouts."""
+"""Guard of every trained module: revert on non-finite gradients, and validation by whole rollouts."""
 
 import logging
 from abc import ABC, abstractmethod

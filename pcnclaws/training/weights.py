@@ -1,4 +1,4 @@
-"""The weights of neural laws as a safetensors file: tensors and text, nothing that can run."""
+"""Weight files of neural laws, safetensors: tensors and text, nothing that can run."""
 
 import json
 from pathlib import Path

@@ -113,7 +113,7 @@ def test_the_logarithmic_axis_begins_below_the_shortest_bar(costs: list[float], 
 
 
 def test_every_switch_is_tried_alone_and_all_together() -> None:
-    assert list(TRIALS) == compose_config("benchmark", ["problem=skips"]).problem.switches
+    assert list(TRIALS) == compose_config("benchmark", ["problem=skips"]).problem["switches"]
     assert list(TRIALS) == [*(switch.name for switch in fields(Skips)), "all"]
     assert all(asdict(switched_off(name)) == {n: n != name for n in asdict(Skips())} for name in list(TRIALS)[:-1])
     assert switched_off("all") == Skips.none()

@@ -3,12 +3,11 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from omegaconf import OmegaConf
 
 from benchmarks import run_time_vs_error
 from benchmarks.__main__ import benchmark
@@ -204,8 +203,7 @@ def context_for(folder: Path, interrupt_at: int | None = None) -> BenchmarkConte
 
 
 def tiny_options() -> dict[str, Any]:
-    config = compose_config("benchmark", ["problem=run_time_vs_error", *TINY]).problem
-    return cast(dict[str, Any], OmegaConf.to_container(config))
+    return dict(compose_config("benchmark", ["problem=run_time_vs_error", *TINY]).problem)
 
 
 def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
@@ -270,7 +268,7 @@ def test_wrong_options_are_one_line(argument: str, message: str, in_process: Any
 @pytest.mark.parametrize("entry", ["simulate", "generate", "train"])
 def test_a_preset_simulates_the_papers_scene_for_the_papers_time(name: str, entry: str) -> None:
     paper, config = compose_config(entry), compose_config(entry, [f"simulation={name}"])
-    settings, resolution = settings_from(config), PRESETS[name]
+    settings, resolution = settings_from(config.simulation), PRESETS[name]
     assert settings == replace(PAPER, grid_spacing=settings.grid_spacing, time_step=settings.time_step)
     assert config.simulation.steps * settings.time_step == pytest.approx(paper.simulation.steps * PAPER.time_step)
     assert config.simulation.steps % config.simulation.every == 0

@@ -4,12 +4,11 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from omegaconf import OmegaConf
 
 from benchmarks import stability
 from benchmarks.__main__ import benchmark
@@ -237,8 +236,7 @@ def context_for(folder: Path, interrupt_at: int | None = None) -> BenchmarkConte
 
 
 def tiny_options(*more: str) -> dict[str, Any]:
-    config = compose_config("benchmark", ["problem=stability", *TINY, *more]).problem
-    return cast(dict[str, Any], OmegaConf.to_container(config))
+    return dict(compose_config("benchmark", ["problem=stability", *TINY, *more]).problem)
 
 
 def test_an_interrupted_map_goes_on_where_it_was(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ import torch
 from pcnclaws.commands.composition import compose_config, conf_folder
 from pcnclaws.commands.configuration import (
     device_from,
-    material_from,
     parameters_from,
     precision_from,
     settings_from,
@@ -38,12 +37,12 @@ CHOICES = [
 
 @pytest.mark.parametrize(("entry", "material"), list(product(OF_ONE_MATERIAL, MATERIALS)))
 def test_every_entry_point_composes_with_every_material(entry, material):
-    assert material_from(compose_config(entry, [f"material={material}"])).name == material
+    assert compose_config(entry, [f"material={material}"]).material.name == material
 
 
 @pytest.mark.parametrize("problem", PROBLEMS)
 def test_every_benchmark_problem_composes_under_its_name(problem):
-    assert compose_config("benchmark", [f"problem={problem}"]).problem.name == problem
+    assert compose_config("benchmark", [f"problem={problem}"]).problem["name"] == problem
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
@@ -51,7 +50,7 @@ def test_every_experiment_composes(experiment):
     config = compose_config("train", [f"experiment={experiment}", "debug=fast"])
     baseline, _, material = experiment.partition("_")
     if baseline in BASELINES:
-        assert (config.material.name, config.model.name) == (material, baseline)
+        assert (config.material.name, config.model["name"]) == (material, baseline)
         assert config.regime.name == "single_scene"
         return
     material, regime = experiment.rsplit("_", 1)
@@ -87,11 +86,11 @@ def test_every_choice_of_a_group_composes_with_some_entry_point(group, choice):
 def test_default_parameters_are_the_middle_of_the_training_ranges(material):
     config = compose_config("simulate", [f"material={material.name}"])
     middle = {name: (low + high) / 2 for name, (low, high) in material.ranges.items()}
-    assert parameters_from(config, material) == pytest.approx(middle)
+    assert parameters_from(config.parameters, material) == pytest.approx(middle)
 
 
 def test_default_settings_are_the_papers():
-    assert settings_from(compose_config("simulate")) == SimulationSettings()
+    assert settings_from(compose_config("simulate").simulation) == SimulationSettings()
 
 
 @pytest.mark.parametrize("material", list(MATERIALS))
@@ -120,17 +119,17 @@ def test_the_speed_bound_is_the_start_speed_and_the_fall():
 )
 def test_counts_are_positive(override, line):
     with pytest.raises(UserError, match=re.escape(line)):
-        whole_number(compose_config("simulate", [override]), "simulation.steps")
+        whole_number(compose_config("simulate", [override]).simulation.steps, "simulation.steps")
 
 
 def test_device_and_precision_are_known_names():
     config = compose_config("simulate", ["precision=float64"])
-    assert precision_from(config) is torch.float64
-    assert device_from(config) == torch.device("cpu")
+    assert precision_from(config.precision) is torch.float64
+    assert device_from(config.device) == torch.device("cpu")
     with pytest.raises(UserError, match="did you mean 'cuda'"):
-        device_from(compose_config("simulate", ["device=cudaa"]))
+        device_from(compose_config("simulate", ["device=cudaa"]).device)
     with pytest.raises(UserError, match="float32, float64"):
-        precision_from(compose_config("simulate", ["precision=float16"]))
+        precision_from(compose_config("simulate", ["precision=float16"]).precision)
 
 
 def test_the_readme_names_commands_that_exist():

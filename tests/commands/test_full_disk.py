@@ -15,13 +15,13 @@ import pytest
 import torch
 from conftest import Outcome
 from matplotlib.figure import Figure
-from omegaconf import DictConfig
 from training_bodies import recorded
 
 from benchmarks.charts import save
 from benchmarks.context import Checkpointed
 from pcnclaws.atomic import one_line_writing, replaced_file
 from pcnclaws.commands.runs import start_run
+from pcnclaws.commands.typed_configs import SimulateConfig
 from pcnclaws.data.hdf5 import read_scenes, write_scenes
 from pcnclaws.data.observation_files import write_table
 from pcnclaws.errors import CannotWrite, UserError
@@ -99,7 +99,7 @@ def test_a_command_that_finds_no_room_ends_with_one_line_and_status_1(tmp_path: 
 
 
 def test_what_a_library_cannot_write_is_one_line_too(in_process: Callable[..., Outcome], tmp_path: Path) -> None:
-    def task(config: DictConfig) -> None:
+    def task(config: SimulateConfig) -> None:
         with small_files():
             log_hyperparameters(tmp_path / "run", {"x": "y" * 2 * LIMIT}, {"mse": 1.0})
 

@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import pytest
-from omegaconf import DictConfig
 
+from pcnclaws.commands.typed_configs import SimulateConfig
 from pcnclaws.errors import SimulationDiverged, UserError
 
 
-def do_nothing(config: DictConfig) -> None:
+def do_nothing(config: SimulateConfig) -> None:
     pass
 
 
@@ -70,7 +70,7 @@ def test_options_of_the_chosen_groups_are_known_and_others_are_not(in_process):
 
 @pytest.mark.parametrize(("error", "status"), [(UserError("wrong"), 2), (SimulationDiverged("left"), 1)])
 def test_our_own_errors_are_one_line(error, status, in_process):
-    def task(config: DictConfig) -> None:
+    def task(config: SimulateConfig) -> None:
         raise error
 
     outcome = in_process(task, "simulate")
@@ -79,7 +79,7 @@ def test_our_own_errors_are_one_line(error, status, in_process):
 
 
 def test_a_message_of_several_lines_is_joined(in_process):
-    def task(config: DictConfig) -> None:
+    def task(config: SimulateConfig) -> None:
         raise UserError("first\n  second")
 
     assert one_line(in_process(task, "simulate").err) == "error: first second"
@@ -87,7 +87,7 @@ def test_a_message_of_several_lines_is_joined(in_process):
 
 @pytest.mark.parametrize("error", [RuntimeError("a bug"), ValueError("a bug"), KeyError("a bug"), OSError("a bug")])
 def test_anything_else_exits_1_with_its_traceback_and_a_last_line(error, in_process):
-    def task(config: DictConfig) -> None:
+    def task(config: SimulateConfig) -> None:
         raise error
 
     outcome = in_process(task, "simulate")
@@ -97,7 +97,7 @@ def test_anything_else_exits_1_with_its_traceback_and_a_last_line(error, in_proc
 
 
 def test_an_interruption_exits_1_without_a_traceback(in_process):
-    def task(config: DictConfig) -> None:
+    def task(config: SimulateConfig) -> None:
         raise KeyboardInterrupt
 
     outcome = in_process(task, "simulate")

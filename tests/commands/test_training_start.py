@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 from conftest import Outcome
-from omegaconf import DictConfig
 from training_bodies import recorded
 
 from pcnclaws.commands.training_start import settled_start
+from pcnclaws.commands.typed import plain
+from pcnclaws.commands.typed_configs import TrainConfig
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.simulation.records import SceneRecord
@@ -32,11 +33,11 @@ class Settle:
     """A task that notes the settled options of every job, and what it says of them."""
 
     def __init__(self, scenes: list[SceneRecord] | None) -> None:
-        self.scenes, self.training, self.notes = scenes, list[DictConfig](), list[str]()
+        self.scenes, self.training, self.notes = scenes, list[dict[str, Any]](), list[str]()
 
-    def __call__(self, config: DictConfig) -> None:
+    def __call__(self, config: TrainConfig) -> None:
         settled, notes = settled_start(config, analytic_laws(MATERIALS["elasticity"]), self.scenes)
-        self.training.append(settled.training)
+        self.training.append(plain(settled.training))
         self.notes += notes
 
 
@@ -81,7 +82,7 @@ def test_every_job_of_a_sweep_states_its_own_options(
 ) -> None:
     settle = Settle(positions_only)
     assert in_process(settle, "train", "training=thorough,spline", "--multirun").status == 0
-    assert [training.iterations for training in settle.training] == [1500, 400]
+    assert [training["iterations"] for training in settle.training] == [1500, 400]
 
 
 @pytest.mark.parametrize("option", ["training=keyframes", "training.start=keyframes"])
@@ -103,10 +104,10 @@ def test_full_states_at_both_ends_alone_are_no_keyframes_to_start_from(
     ends = replace(keyframes, **{name: value[[0, -1]] for name, value in vars(keyframes).items()})
     settle = Settle([replace(records[0], keyframes=ends)])
     assert in_process(settle, "train").status == 0
-    assert settle.training[0].start == "initial"
+    assert settle.training[0]["start"] == "initial"
     generated = Settle(None)
     assert in_process(generated, "train", "data.keyframe_every=500").status == 0
-    assert generated.training[0].start == "initial"
+    assert generated.training[0]["start"] == "initial"
     assert "data.keyframe_every=500 leaves none within simulation.steps=500" in generated.notes[0]
     assert in_process(generated, "train").status == 0
-    assert generated.training[1].start == "keyframes"
+    assert generated.training[1]["start"] == "keyframes"

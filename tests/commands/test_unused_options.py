@@ -10,6 +10,7 @@ import yaml
 
 from pcnclaws.commands.composition import compose_config
 from pcnclaws.commands.options import leaves
+from pcnclaws.commands.typed import plain
 from pcnclaws.commands.unused_options import check_unused
 from pcnclaws.errors import UserError
 
@@ -59,7 +60,7 @@ NEEDED = [
 
 @cache
 def defaults(entry: str) -> dict[str, Any]:
-    return dict(leaves(compose_config(entry)))
+    return dict(leaves(plain(compose_config(entry))))
 
 
 def looked_at(entry: str, options: Sequence[str]) -> None:

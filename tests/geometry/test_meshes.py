@@ -214,7 +214,7 @@ def test_a_mesh_goes_before_a_shape_but_not_beside_particles(in_process, tmp_pat
     sphere = compose_config(
         "generate", ["scene=sphere", f"scene.mesh={tmp_path / 'x.stl'}", "scene.particles_per_edge=4"]
     )
-    assert len(body_from(sphere).position) == 64
+    assert len(body_from(sphere.scene).position) == 64
     for arguments, message in (
         (["scene.particles=x.npz"], "scene.mesh=x.stl and scene.particles=x.npz are two bodies"),
         (["scene.centre=[0.5,0.2,0.5]"], "scene.mesh=x.stl scene.centre=[0.5, 0.2, 0.5]"),

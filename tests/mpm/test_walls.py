@@ -62,7 +62,7 @@ def test_what_is_pressed_through_a_thinner_one_is_told_so() -> None:
 def test_a_thinner_one_is_refused_with_the_thinnest_that_holds(distance: str) -> None:
     options = ["simulation.grid_nodes=10", f"simulation.wall_distance={distance}"]
     with pytest.raises(UserError, match=rf"{options[1]} .*accepted: 0\.1, "):
-        settings_from(compose_config("simulate", options))
+        settings_from(compose_config("simulate", options).simulation)
 
 
 @pytest.mark.parametrize("nodes", [7, 12, 30, 49, 256])

@@ -8,11 +8,11 @@ import pytest
 import torch
 from conftest import Outcome
 from falling_bodies import OFF, ON, analytic, batch, body, neural, run
-from omegaconf import DictConfig
 from recorded_scenes import recorded, small_cube
 
 from pcnclaws.commands.composition import compose_config
 from pcnclaws.commands.configuration import skips_from
+from pcnclaws.commands.typed_configs import SimulateConfig
 from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.evaluation.tasks import evaluate_records
 from pcnclaws.generate import generate
@@ -47,13 +47,15 @@ def test_a_run_is_the_same_with_the_switch_off(switch: str) -> None:
 
 @pytest.mark.parametrize("entry", ["simulate", "generate", "evaluate", "train"])
 def test_the_switches_are_options_of_every_command_that_simulates(entry: str) -> None:
-    assert skips_from(compose_config(entry)) == Skips()
-    assert skips_from(compose_config(entry, ["simulation.skip=none"])) == Skips.none()
-    assert skips_from(compose_config(entry, ["simulation.skip=all"])) == Skips()
+    assert skips_from(compose_config(entry).simulation) == Skips()
+    assert skips_from(compose_config(entry, ["simulation.skip=none"]).simulation) == Skips.none()
+    assert skips_from(compose_config(entry, ["simulation.skip=all"]).simulation) == Skips()
     for switch in SWITCHES:
-        assert skips_from(compose_config(entry, [f"simulation.skip.{switch}=false"])) == replace(ON, **{switch: False})
+        assert skips_from(compose_config(entry, [f"simulation.skip.{switch}=false"]).simulation) == replace(
+            ON, **{switch: False}
+        )
     only_rest = compose_config(entry, ["simulation.skip=none", "simulation.skip.rest=true"])
-    assert skips_from(only_rest) == replace(OFF, rest=True)
+    assert skips_from(only_rest.simulation) == replace(OFF, rest=True)
 
 
 @pytest.mark.parametrize(
@@ -173,5 +175,5 @@ def test_an_evaluation_is_the_same_with_the_switches_off() -> None:
         np.testing.assert_allclose(a.predicted.position, b.predicted.position, atol=1e-7)
 
 
-def _do_nothing(config: DictConfig) -> None:
+def _do_nothing(config: SimulateConfig) -> None:
     pass

@@ -201,7 +201,7 @@ def test_data_sets_start_as_in_the_paper() -> None:
     assert all(start.affine is None for start in starts)
     with pytest.raises(UserError, match="scene.affine=velocity is not accepted here"):
         plan_from(compose_config("generate", ["material=sand", "scene.affine=velocity"]))
-    np.testing.assert_array_equal(body_from(compose_config("train", [])).position, plan.body.position)
+    np.testing.assert_array_equal(body_from(compose_config("train").scene).position, plan.body.position)
 
 
 def flight(spin: tuple[float, float, float], **fields: Any) -> Observation:

@@ -1,0 +1,173 @@
+"""Estimation of physical parameters, from the observation to the result file and its pictures."""
+
+import shutil
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import yaml
+from rich.console import Console
+
+from pcnclaws.atomic import replaced_file
+from pcnclaws.commands.configuration import (
+    execution_from,
+    observation_from,
+    use_processor,
+)
+from pcnclaws.commands.estimation_report import (
+    Findings,
+    leave_estimation_pictures,
+    result_table,
+    result_values,
+    verdicts,
+)
+from pcnclaws.commands.estimation_setup import estimator_from, guess_from, noise_from, start_from_guess, unknowns_from
+from pcnclaws.commands.outputs import RESULT, output_file, scene_files
+from pcnclaws.commands.runs import law_folder, laws_for, load_run, outside_training_data
+from pcnclaws.commands.typed import plain
+from pcnclaws.commands.typed_configs import EstimateConfig
+from pcnclaws.data.hdf5 import write_scenes
+from pcnclaws.data.locks import written_alone
+from pcnclaws.data.observation_files import stored_truth
+from pcnclaws.errors import UserError
+from pcnclaws.estimation.goodness_of_fit import fit_of
+from pcnclaws.estimation.inverse import InverseModule
+from pcnclaws.estimation.inverse_search import fit_inverse
+from pcnclaws.estimation.law_error import known_law_error
+from pcnclaws.estimation.problem import EstimationProblem
+from pcnclaws.estimation.uncertainty import uncertainty
+from pcnclaws.estimation.unknowns import Unknowns
+from pcnclaws.evaluation.report import write_metrics
+from pcnclaws.laws.materials import Material, material_named
+from pcnclaws.provenance import provenance
+from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.particle_spacing import warn_of_sparse_particles
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
+from pcnclaws.training.trainer import quiet_lightning
+
+PLAIN_WIDTH = 120
+# Options that do not change what a search does: an interrupted one goes on under others.
+FREE_OPTIONS = ("output", "overwrite", "picture", "trajectory", "threads", "paths")
+
+
+def estimate(config: EstimateConfig) -> Mapping[str, float | None]:
+    """Searches the parameters that explain the observation, and writes them to `output` with their intervals.
+
+    returns  the estimates, and the error of the fit
+    """
+    output = output_file(
+        config.output, scene_files(config.scene) | {"observation.file": config.observation.file}, *RESULT
+    )
+    with written_alone(_search_folder(output), f"output={output}"):
+        return _estimate(config, output)
+
+
+def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None]:
+    started = time.monotonic()
+    use_processor(config)
+    if config.device != "cpu":
+        raise UserError(f"device={config.device} is not accepted; accepted: cpu, estimation has no other way yet")
+    quiet_lightning()
+    console = Console() if Console().is_terminal else Console(width=PLAIN_WIDTH)
+    material = material_named(config.material.name)
+    estimator = estimator_from(config)
+    observation = observation_from(config, material)
+    noise = noise_from(config)
+    unknowns = unknowns_from(config, material, observation)
+    laws, law_error = laws_for(config.law, material), known_law_error(law_folder(config.law, material))
+    problem = EstimationProblem(laws, observation, unknowns, execution_from(config))
+
+    guess = guess_from(config, material, problem)
+    warn_of_sparse_particles([problem.start(guess)])
+    module = InverseModule(problem, start_from_guess(config, problem, guess, console), estimator)
+    folder = _started_search(config, output)
+    fit_inverse(module, folder, console)
+    found = uncertainty(module.linearisation(), unknowns, module.u, law_error, noise)
+    fit = fit_of(problem, module.u, found, noise)
+
+    truth = stored_truth(observation, material.parameter_names)
+    title = f"{material.name}, law {config.law}, {observation.name}: {observation.seen.sum()} positions"
+    findings = Findings(title, unknowns, unknowns.values(guess).tolist(), found=found, fit=fit, truth=truth)
+    console.print(result_table(findings))
+    for line in [*verdicts(found, fit), *_outside(config, material, unknowns, module)]:
+        console.print(line, markup=False)
+    mse = module.linearisation().mse
+    values = {
+        "material": material.name,
+        "law": config.law,
+        "observation": str(config.observation.file),
+        "estimator": estimator.name,
+        **result_values(findings),
+        "mse": mse,
+        "iterations": module.iterations,
+        "history": [{"values": list(numbers), "mse": error} for numbers, error in module.history],
+        "seconds": round(time.monotonic() - started, 1),
+        "provenance": provenance(config.seed) | {"precision": config.precision},
+    }
+    for path in _extras(config, output, module, findings):
+        console.print(f"wrote {path}")
+    write_metrics(output, values)
+    shutil.rmtree(folder / "checkpoints", ignore_errors=True)
+    console.print(f"wrote {output}: MSE {mse:.2e} m^2 in {values['seconds']:g} s")
+    found_values = {name: one["estimate"] for name, one in values["parameters"].items()}
+    return {**found_values, "MSE [m^2]": mse}
+
+
+def _search_folder(output: Path) -> Path:
+    """Where an interrupted search is kept, beside the output."""
+    folder = output.with_suffix("") if output.suffix else output.with_name(f"{output.name}_search")
+    if folder.exists() and not folder.is_dir():
+        raise UserError(f"output={output}: {folder} is a file, and the search needs a folder of that name")
+    return folder
+
+
+def _started_search(config: EstimateConfig, output: Path) -> Path:
+    """The folder of the search, which goes on with an interrupted one of the same options alone."""
+    folder = _search_folder(output)
+    asked = {key: value for key, value in plain(config).items() if key not in FREE_OPTIONS}
+    noted = folder / "search.yaml"
+    same = noted.is_file() and yaml.safe_load(noted.read_text(encoding="utf-8")) == asked
+    if config.overwrite or not same:
+        for name in ("checkpoints", "tensorboard"):
+            shutil.rmtree(folder / name, ignore_errors=True)
+    with replaced_file(noted) as part:
+        part.write(yaml.safe_dump(asked, encoding="utf-8"))
+    return folder
+
+
+def _outside(config: EstimateConfig, material: Material, unknowns: Unknowns, module: InverseModule) -> list[str]:
+    """A warning where the estimate lies outside of what the law was trained on: its error is not known there."""
+    folder = law_folder(config.law, material)
+    if folder is None:
+        return []
+    values = zip(unknowns.sought, unknowns.values(module.u).tolist(), strict=True)
+    estimates = [{unknown.name: value} for unknown, value in values]
+    warning = outside_training_data(load_run(folder).ranges, estimates)
+    return [f"law={config.law}: {warning}; the interval knows nothing of the law's error there"] if warning else []
+
+
+def _extras(config: EstimateConfig, output: Path, module: InverseModule, findings: Findings) -> list[Path]:
+    """Pictures and the simulated trajectory, as far as they are asked for."""
+    observation, problem, u = module.problem.observation, module.problem, module.u
+    stem = output.with_suffix("") if output.suffix else output
+    written = []
+    if config.trajectory:
+        path = stem.with_name(f"{stem.name}_simulated.h5")
+        _write_trajectory(path, problem, u)
+        written.append(path)
+    if config.picture:
+        sought = tuple(unknown.name for unknown in problem.unknowns.sought)
+        findings = replace(findings, truth=stored_truth(observation, sought))
+        written += leave_estimation_pictures(stem, findings, observation, problem.motion(u), module.history)
+    return written
+
+
+def _write_trajectory(path: Path, problem: EstimationProblem, u: np.ndarray) -> None:
+    """The body's motion with the estimate, all particles of it."""
+    observation = problem.observation
+    steps = int(np.ceil(observation.time[-1] / observation.settings.time_step - 1e-6))
+    plan = FramePlan(max(steps, 1), max(steps // 100, 1), velocities=True)
+    write_scenes(path, simulate_records([problem.start(u)], problem.laws, plan, Execution(problem.execution.dtype)))

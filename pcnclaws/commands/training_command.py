@@ -1,0 +1,167 @@
+"""Training run: data, fit, test on unseen objects and the run folder."""
+
+import copy
+import math
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from rich.console import Console
+
+from pcnclaws.baselines.identified import identified_values
+from pcnclaws.commands.configuration import (
+    device_from,
+    execution_from,
+    precision_from,
+    use_processor,
+    whole_number,
+)
+from pcnclaws.commands.data_sets import ready_data_set
+from pcnclaws.commands.models import build_model
+from pcnclaws.commands.options import is_free, leaves
+from pcnclaws.commands.outputs import check_ending
+from pcnclaws.commands.runs import METRICS, WEIGHTS, is_finished, run_errors, start_run
+from pcnclaws.commands.training_report import Report, against_untrained, write_report
+from pcnclaws.commands.training_setup import Setup, check_training, regime_from, setup
+from pcnclaws.commands.training_start import settled_start
+from pcnclaws.commands.typed import plain
+from pcnclaws.commands.typed_configs import TrainConfig
+from pcnclaws.data.locks import written_alone
+from pcnclaws.errors import UserError
+from pcnclaws.laws.analytic import Laws
+from pcnclaws.laws.materials import material_named
+from pcnclaws.provenance import commit
+from pcnclaws.simulation.motion import Model
+from pcnclaws.training.hyperparameters import log_hyperparameters
+from pcnclaws.training.sources import TrainingScenes, for_regime, generated_scenes, own_scenes
+from pcnclaws.training.trainer import FitResult, fit, quiet_lightning
+from pcnclaws.training.weights import set_law_weights, write_weights
+
+# Width of what is printed where the output is not a terminal.
+PLAIN_WIDTH = 120
+
+
+def train(config: TrainConfig) -> Mapping[str, float | None]:
+    """Makes the data if it is missing, trains, tests, and fills the run folder `output`; returns the errors of the law.
+
+    The same command again continues an unfinished run, and leaves a finished one alone.
+    """
+    folder = Path(config.output)
+    with written_alone(folder, f"output={folder}"):
+        _train(config)
+        return {f"{name} [m^2]": error for name, error in run_errors(folder).items()}
+
+
+def _train(config: TrainConfig) -> None:
+    started = time.monotonic()
+    commit()  # of the code that trains
+    use_processor(config)
+    quiet_lightning()
+    console = Console(soft_wrap=True) if Console().is_terminal else Console(width=PLAIN_WIDTH, soft_wrap=True)
+    folder = Path(config.output)
+    check_ending("output", folder)
+    check_training(config)
+    regime, model = regime_from(config), untrained_model(config)
+    own = None if config.data.trajectories is None else for_regime(_own_scenes(config), regime, config.regime.scene)
+    config, start_notes = settled_start(config, model, own and own.training)
+    options = plain(config)
+    if not config.overwrite and is_finished(folder, options):
+        console.print(f"{folder} holds this run, finished: see {folder / METRICS}; overwrite=true trains it anew")
+        return
+
+    scenes = own or for_regime(_generated_scenes(config), regime, config.regime.scene)
+    prepared = setup(config, model, scenes)
+    for note in (*scenes.notes, *start_notes, *prepared.notes):
+        console.print(note)
+    start_run(folder, options, config.overwrite)
+    untrained, untrained_mse = copy.deepcopy(model), _check_before(config, prepared, console)
+    fitted = fit(
+        prepared.module,
+        prepared.data,
+        folder,
+        device_from(config.device),
+        log_every=whole_number(config.logger.every, "logger.every"),
+        console=console,
+        clock=prepared.clock,
+    )
+
+    notes = _notes(config, scenes, fitted)
+    write_weights(folder / WEIGHTS, fitted.best.weights, notes)
+    set_law_weights(model, fitted.best.weights, str(folder / WEIGHTS))
+    notes |= against_untrained(fitted.best.mse, untrained_mse) | {"training_seconds": round(prepared.clock.spent, 1)}
+    notes |= {"identified": found} if isinstance(model, Laws) and (found := identified_values(model)) else {}
+    report = Report(
+        folder,
+        scenes,
+        fitted,
+        notes,
+        untrained=untrained,
+        trained=model,
+        started=started,
+        execution=execution_from(config),
+    )
+    write_report(report, config.seed, config.picture, console)
+    shown = {option: value for option, value in leaves(options) if not is_free(option)}
+    log_hyperparameters(folder, shown, run_errors(folder))
+
+
+def untrained_model(config: TrainConfig) -> Model:
+    """The model of `material` and `model.*` as training with `seed` starts from it."""
+    torch.manual_seed(whole_number(config.seed, "seed", least=0))
+    untrained = build_model(material_named(config.material.name), config.model)
+    for part in untrained if isinstance(untrained, Laws) else (untrained,):
+        if part is not None:
+            part.to(device_from(config.device), precision_from(config.precision))
+    return untrained
+
+
+def _own_scenes(config: TrainConfig) -> TrainingScenes:
+    """The scenes of the user's own files."""
+    named = config.data.trajectories
+    paths = [named] if isinstance(named, str) else named
+    if not isinstance(paths, list) or not paths or not all(isinstance(path, str) for path in paths):
+        raise UserError(
+            f"data.trajectories={named} is not accepted; accepted: the path of a trajectory file, or a list of them"
+        )
+    return own_scenes([Path(path) for path in paths], material_named(config.material.name))
+
+
+def _generated_scenes(config: TrainConfig) -> TrainingScenes:
+    """The scenes of the generated data set, which is made if it is missing."""
+    return generated_scenes(ready_data_set(config), material_named(config.material.name))
+
+
+def _check_before(config: TrainConfig, prepared: Setup, console: Console) -> float | None:
+    """The error of the untrained model that the checks compare with [m^2]; None where nothing is trained."""
+    if not config.training.iterations:
+        return None
+    mse = prepared.module.rollout_error(prepared.data.validation)
+    console.print(
+        f"before training: check {mse:.2e} m²" if math.isfinite(mse) else "before training: the check diverges"
+    )
+    return mse
+
+
+def _notes(config: TrainConfig, scenes: TrainingScenes, fitted: FitResult) -> dict[str, Any]:
+    """What is kept beside the weights: what they are weights of, and how they came about."""
+    return {
+        "material": config.material.name,
+        "regime": config.regime.name,
+        "training_start": config.training.start,
+        "positions_only": config.training.start == "initial",
+        "training_scenes": len(scenes.training),
+        "ranges": {name: list(span) for name, span in scenes.ranges.items()},
+        "iterations": _iterations(config, fitted),
+        "best_iteration": fitted.best.iteration,
+        "validation_mse": fitted.best.mse,
+        "skipped_iterations": fitted.skipped,
+        "stopped": fitted.stopped,
+    }
+
+
+def _iterations(config: TrainConfig, fitted: FitResult) -> int:
+    """How many were done: all of them, unless the clock ended the training."""
+    by_clock = config.training.seconds is not None and fitted.history.check_iteration
+    return fitted.history.check_iteration[-1] if by_clock else config.training.iterations

@@ -1,0 +1,326 @@
+"""Configurations of the commands: one dataclass a command, of the parts that commands share.
+
+What an option means is said where it is written, in conf/.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+Number: TypeAlias = float | int
+Vector: TypeAlias = list[Number]
+# An option whose default is null, which says nothing of its kind: whoever reads it checks it.
+Unchecked: TypeAlias = Any
+
+
+@dataclass(frozen=True)
+class Paths:
+    """`paths.*`."""
+
+    outputs: str
+
+
+@dataclass(frozen=True)
+class Named:
+    """A group whose choice is its name."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Scene:
+    """`scene.*`: the body and how it starts."""
+
+    shape: Unchecked
+    centre: Vector
+    side: Number
+    particles_per_edge: int
+    lattice: str
+    mesh: Unchecked
+    particles: Unchecked
+    name: Unchecked
+    velocity: Unchecked
+    spin: Unchecked
+    colliders: Unchecked
+    loads: Unchecked
+    affine: str
+
+
+@dataclass(frozen=True)
+class Backend:
+    """`simulation.backend`."""
+
+    backend: str
+
+
+@dataclass(frozen=True)
+class Computation(Backend):
+    """How simulations are computed."""
+
+    skip: Mapping[str, bool]
+
+
+@dataclass(frozen=True)
+class FileSimulation(Computation):
+    """`simulation.*` of scenes of a file, which bring their settings."""
+
+    time_step: Unchecked
+
+
+@dataclass(frozen=True)
+class ScenesSettings(FileSimulation):
+    """`simulation.*` that scenes are made with."""
+
+    domain: Unchecked
+    grid_spacing: Unchecked
+    grid_nodes: Unchecked
+    wall_distance: Unchecked
+    gravity: Unchecked
+    boundary: Unchecked
+    friction: Unchecked
+    density: Unchecked
+
+
+@dataclass(frozen=True)
+class ObservedSimulation(ScenesSettings):
+    """`simulation.*` of an observed scene: null is what the file says. Presets have steps, of which it needs none."""
+
+    steps: Unchecked = None
+    every: Unchecked = None
+
+
+@dataclass(frozen=True)
+class Simulation(ScenesSettings):
+    """`simulation.*`."""
+
+    steps: int
+    every: int
+
+
+@dataclass(frozen=True)
+class Data:
+    """`data.*`: a generated data set, or the user's own files."""
+
+    folder: str
+    trajectories: Unchecked
+    train_scenes: int
+    validation_scenes: int
+    every: int
+    keyframe_every: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class Regime(Named):
+    """`regime.*`."""
+
+    scene: Unchecked
+
+
+@dataclass(frozen=True)
+class SegmentLength:
+    """`training.segment_length.*`."""
+
+    first: Unchecked
+    last: Unchecked
+
+
+@dataclass(frozen=True)
+class Training:
+    """`training.*`."""
+
+    start: str
+    iterations: int
+    batch_segments: Unchecked
+    segment_length: SegmentLength
+    loss: str
+    loss_every: Unchecked
+    loss_scale: Unchecked
+    learning_rate: Number
+    plastic_learning_rate: Unchecked
+    gradient_clip: Unchecked
+    step_back: Unchecked
+    check_every: int
+    seconds: Unchecked
+    noise: Number | None = None
+
+
+@dataclass(frozen=True)
+class Logger:
+    """`logger.*`."""
+
+    every: int
+
+
+@dataclass(frozen=True)
+class Task(Named):
+    """`task.*`."""
+
+    scene: Unchecked = None
+
+
+@dataclass(frozen=True)
+class Observed:
+    """`observation.*`."""
+
+    file: Unchecked
+    scene: Unchecked
+    window: Unchecked
+    noise: Unchecked
+
+
+@dataclass(frozen=True)
+class UnknownMotion:
+    """`unknown.*`."""
+
+    motion: bool | str
+    time_offset: bool
+
+
+@dataclass(frozen=True)
+class Estimator(Named):
+    """`estimator.*`."""
+
+    iterations: int
+    learning_rate: Number
+
+
+@dataclass(frozen=True)
+class Command:
+    """What every command has."""
+
+    paths: Paths
+    output: Unchecked
+
+
+@dataclass(frozen=True)
+class SimulatingCommand(Command):
+    """What every command has that simulates."""
+
+    plugins: list[str]
+    material: Named
+    simulation: Computation
+    device: str
+    precision: str
+    threads: Unchecked
+
+
+@dataclass(frozen=True)
+class SimulateConfig(SimulatingCommand):
+    """Options of `simulate`."""
+
+    simulation: Simulation
+    parameters: Mapping[str, Number]
+    scene: Scene
+    law: str
+    keyframe_every: int
+    picture: bool
+
+
+@dataclass(frozen=True)
+class GenerateConfig(SimulatingCommand):
+    """Options of `generate`."""
+
+    simulation: Simulation
+    scene: Scene
+    data: Data
+
+
+@dataclass(frozen=True)
+class TrainConfig(GenerateConfig):
+    """Options of `train`."""
+
+    model: Mapping[str, Any]
+    regime: Regime
+    training: Training
+    logger: Logger
+    name: str
+    overwrite: bool
+    picture: bool
+    seed: int
+
+
+@dataclass(frozen=True)
+class EvaluateConfig(SimulatingCommand):
+    """Options of `evaluate`."""
+
+    simulation: FileSimulation
+    task: Task
+    law: str
+    trajectories: Unchecked
+    picture: bool
+    may_diverge: bool
+    floor: bool
+    seed: int
+
+
+@dataclass(frozen=True)
+class EstimateConfig(SimulatingCommand):
+    """Options of `estimate`."""
+
+    simulation: ObservedSimulation
+    scene: Scene
+    estimator: Estimator
+    law: str
+    observation: Observed
+    initial_guess: Mapping[str, Unchecked]
+    fixed: Mapping[str, Unchecked]
+    vary: str
+    unknown: UnknownMotion
+    screening: int
+    overwrite: bool
+    picture: bool
+    trajectory: bool
+    seed: int
+
+
+@dataclass(frozen=True)
+class ObserveConfig(Command):
+    """Options of `observe`."""
+
+    file: Unchecked
+    scene: Unchecked
+    markers: Number
+    surface: bool
+    every: int
+    noise: Number
+    missing: Number
+    seed: int
+    picture: bool
+
+
+@dataclass(frozen=True)
+class CalibrateConfig(Command):
+    """Options of `calibrate`."""
+
+    plugins: list[str]
+    material: Named
+    law: str
+    objects: int
+    seed: int
+    simulation: Backend
+    threads: Unchecked
+
+
+@dataclass(frozen=True)
+class BenchmarkConfig(Command):
+    """Options of `python -m benchmarks`."""
+
+    plugins: list[str]
+    problem: Mapping[str, Any]
+    redraw: Unchecked
+    seed: int
+    device: str
+    threads: int
+
+
+CONFIGS: Mapping[str, type[Command]] = {
+    "simulate": SimulateConfig,
+    "generate": GenerateConfig,
+    "train": TrainConfig,
+    "evaluate": EvaluateConfig,
+    "estimate": EstimateConfig,
+    "observe": ObserveConfig,
+    "calibrate": CalibrateConfig,
+    "benchmark": BenchmarkConfig,
+}
