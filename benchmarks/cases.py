@@ -22,6 +22,7 @@ from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.simulator import Simulator, simulator_of
 
 PAPER = SimulationSettings()
+PAPER_NODES = 20  # cells along an edge of its domain
 NEURAL_MODEL = {"name": "pcnclaws", "width": 64}
 # Contact begins when a particle is within 1.5 cells of a wall node.
 REACH = 1.5
@@ -46,7 +47,7 @@ class Case:
     laws: str = "analytic"
     scenes: int = 1
     particles_per_edge: int = 10
-    grid_nodes: int = 20
+    grid_nodes: int = PAPER_NODES
     side: float = 0.5
     seed: int = 0
 
@@ -58,8 +59,8 @@ class Case:
     @property
     def settings(self) -> SimulationSettings:
         """The paper's but for the grid, and the time step of the same CFL number."""
-        time_step = PAPER.time_step * PAPER.grid_nodes / self.grid_nodes
-        return SimulationSettings(time_step=time_step, grid_nodes=self.grid_nodes)
+        time_step = PAPER.time_step * PAPER_NODES / self.grid_nodes
+        return SimulationSettings(time_step=time_step, grid_spacing=1 / self.grid_nodes)
 
     def starts(self) -> list[SceneStart]:
         """The scenes at their first contact; direction of flight and spin differ between them."""

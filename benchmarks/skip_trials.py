@@ -10,6 +10,7 @@ import torch
 from benchmarks.cases import PAPER, Case, laws_of
 from pcnclaws.geometry.shapes import particles
 from pcnclaws.laws.materials import material_named
+from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.recorded_runs import simulate_records
@@ -78,7 +79,7 @@ def _paper_cube(edge: int) -> list[SceneStart]:
 
 def _layers(edge: int) -> list[SceneStart]:
     """Thin layers of an elastic material on a floor that sticks: they shiver for a while and lie still."""
-    material, settings = material_named("elasticity"), replace(PAPER, boundary="stick")
+    material, settings = material_named("elasticity"), replace(PAPER, boundary=VERSION_1_STICK)
     places = np.stack(np.meshgrid(*map(np.arange, (edge, LAYERS, edge)), indexing="ij"), axis=-1).reshape(-1, 3)
     corner = (0.5 - 0.5 * LAYER_SPACING * (edge - 1), PAPER.wall_distance + 0.2 * PAPER.grid_spacing)
     position = np.array((corner[0], corner[1], corner[0])) + LAYER_SPACING * places

@@ -96,7 +96,7 @@ def scene_start(batch: Batch, youngs_modulus: float, poissons_ratio: float) -> S
     velocity, spin = MOTIONS[batch.motion]
     velocities = spin_velocity(body.position, np.tile(velocity, (len(body.volume), 1)), spin)
     parameters = {"youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio} | _flow(batch, youngs_modulus)
-    settings = SimulationSettings(TIME_STEP, NODES, WALL_CELLS * spacing, GRAVITY)
+    settings = SimulationSettings(TIME_STEP, spacing, WALL_CELLS * spacing, GRAVITY)
     name = f"E {youngs_modulus:g}, nu {poissons_ratio:g}"
     start = SceneStart(
         name,
@@ -112,7 +112,7 @@ def scene_start(batch: Batch, youngs_modulus: float, poissons_ratio: float) -> S
         name: unit**2 * value for name, value in parameters.items() if name in ("youngs_modulus", "yield_stress")
     }
     gravity = (0.0, unit**2 * GRAVITY[1], 0.0)
-    scaled = SimulationSettings(TIME_STEP, NODES, WALL_CELLS * spacing, gravity)
+    scaled = SimulationSettings(TIME_STEP, spacing, WALL_CELLS * spacing, gravity)
     return replace(start, settings=scaled, parameters=parameters | stresses, velocity=unit * velocities)
 
 
@@ -129,7 +129,7 @@ class _Watch:
 
     def __init__(self, scenes: SceneBatch, elasticity: Elasticity, settings: SimulationSettings) -> None:
         self._scenes, self._elasticity, self._spacing = scenes, elasticity, settings.grid_spacing
-        energy = self._energy(scenes.state) + potential_energy(scenes.state, scenes.scenes, settings.wall_distance)
+        energy = self._energy(scenes.state) + potential_energy(scenes.state, scenes.scenes, settings.floor)
         self._most = (1.0 + TOLERANCE) * energy
         self._failed = torch.zeros_like(scenes.scenes.scene_index, dtype=torch.bool)
         self._gains = torch.zeros_like(energy, dtype=torch.bool)

@@ -9,7 +9,7 @@ from benchmarks.checks import names, numbers, wholes
 from benchmarks.closed_forms import CLOSED_FORMS
 from benchmarks.floor_scenes import FLOOR_SCENES, NODES_STEP, FloorScene
 from benchmarks.free_motions import FreeMotion
-from benchmarks.timed_runs import PAPER, Resolution
+from benchmarks.timed_runs import PAPER, PAPER_NODES, Resolution
 from pcnclaws.compiled.backend import BACKENDS
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import MATERIALS
@@ -99,7 +99,7 @@ def automatic_of(options: Mapping[str, Any], problem: str, material: str) -> lis
     """simulation.time_step=auto on the grid of the paper, of a floor scene and with the presets; else nothing."""
     if not options["presets"] or problem not in FLOOR_SCENES:
         return []
-    scenario, plain = FLOOR_SCENES[problem](material), Resolution(PAPER.grid_nodes, 1, 1.0, backend=_backend(options))
+    scenario, plain = FLOOR_SCENES[problem](material), Resolution(PAPER_NODES, 1, 1.0, backend=_backend(options))
     start = scenario.start(plain.lattice(scenario.box), plain)
     step = stability_of(replace(start, settings=PAPER)).automatic_time_step
     return [replace(plain, time_factor=step / PAPER.time_step)]

@@ -24,6 +24,7 @@ from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.simulator import simulator_of
 
 PAPER = SimulationSettings()
+PAPER_NODES = 20  # cells along an edge of its domain
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 # A run shorter than this [s] is timed several times.
 SHORT, SAMPLES = 1.0, 3
@@ -56,7 +57,7 @@ class Resolution:
 
     def steps_between(self, interval: float) -> int:
         """Steps between frames: a whole number, so that the frames of all resolutions are of the same times."""
-        spaced = PAPER.time_step * PAPER.grid_nodes / self.grid_nodes
+        spaced = PAPER.time_step * PAPER_NODES / self.grid_nodes
         return max(1, round(interval / (spaced * self.time_factor)))
 
     def lattice(self, box: Box) -> Lattice:
@@ -81,7 +82,7 @@ class Scenario(ABC):
         """The settings at a resolution."""
         interval = self.duration / self.frames
         time_step = interval / resolution.steps_between(interval)
-        return SimulationSettings(time_step, resolution.grid_nodes, wall_distance, gravity)
+        return SimulationSettings(time_step, 1 / resolution.grid_nodes, wall_distance, gravity)
 
 
 class TimedRun(NamedTuple):

@@ -54,7 +54,9 @@ def kernel_of(law: Law) -> LawKernel:
     return law.kernel
 
 
-def simulator_of(material: str, kind: str, boundary: str = "slip", width: int = 64, window: bool = True) -> Simulator:
+def simulator_of(
+    material: str, kind: str, boundary: str = "separate", width: int = 64, window: bool = True
+) -> Simulator:
     settings = SimulationSettings(boundary=boundary)
     return Simulator(*laws_of(material, kind, width), MPMIntegrator(settings, window)).double()
 

@@ -17,7 +17,7 @@ from pcnclaws.simulation.recording import FramePlan, Trajectory
 from pcnclaws.simulation.rollout import simulate_scenes
 from pcnclaws.simulation.simulator import Simulator, simulator_of
 
-SETTINGS = SimulationSettings(time_step=1e-3, grid_nodes=12)
+SETTINGS = SimulationSettings(time_step=1e-3, grid_spacing=1 / 12)
 PARTICLES, SIDE = 27, 0.2
 ON, OFF = Skips(), Skips.none()
 

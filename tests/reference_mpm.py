@@ -10,13 +10,15 @@ from math import floor, log, pi, sin, sqrt
 
 import numpy as np
 
+from pcnclaws.mpm.contact import VERSION_1_STICK
+
 IDENTITY = np.eye(3)
 MARGIN = 2  # extra grid nodes on each side, so that every stencil of a particle in the domain fits
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The domain is [0, 1]^3 m; `wall_distance` [m], `time_step` [s], `gravity` [m/s^2], `boundary` slip or stick."""
+    """The domain is [0, 1]^3 m; `wall_distance` [m], `time_step` [s], `gravity` [m/s^2], `boundary` of two contacts."""
 
     time_step: float
     grid_nodes: int
@@ -165,7 +167,7 @@ def spline(distance: float) -> float:
 
 
 def meet_walls(velocity: np.ndarray, settings: Settings) -> None:
-    """Takes from the grid velocity what points into a wall (slip), or all of it at such a node (stick)."""
+    """Takes from the grid velocity what points into a wall (separate), or all of it at such a node (stick)."""
     near = settings.wall_distance * settings.grid_nodes + 1e-6  # in nodes, with a tolerance
     into = np.zeros(velocity.shape, dtype=bool)
     for axis in range(3):
@@ -176,7 +178,7 @@ def meet_walls(velocity: np.ndarray, settings: Settings) -> None:
                 into[(*layer, axis)] |= velocity[(*layer, axis)] < 0
             if settings.grid_nodes - node <= near:
                 into[(*layer, axis)] |= velocity[(*layer, axis)] > 0
-    if settings.boundary == "stick":
+    if settings.boundary == VERSION_1_STICK:
         into[into.any(-1)] = True
     velocity[into] = 0.0
 

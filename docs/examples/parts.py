@@ -29,7 +29,7 @@ def several_bodies() -> SceneStart:
         name: np.array([truth[f"{name}[body_{k}]"] for k in range(3)])[body]
         for name in ("youngs_modulus", "poissons_ratio")
     }
-    settings = SimulationSettings(grid_nodes=25, time_step=4e-4)
+    settings = SimulationSettings(grid_spacing=1 / 25, time_step=4e-4)
     return SceneStart("several_bodies", "elasticity", settings, {}, position, velocity, volume, varying=varying)
 
 
@@ -43,7 +43,7 @@ def graded_body() -> SceneStart:
     low, high = truth["youngs_modulus[low_x]"], truth["youngs_modulus[high_x]"]
     varying = {"youngs_modulus": low + (high - low) * share}
     velocity = np.tile((0.0, -2.0, 0.0), (len(position), 1))
-    settings = SimulationSettings(grid_nodes=25, time_step=4e-4)
+    settings = SimulationSettings(grid_spacing=1 / 25, time_step=4e-4)
     same = {"poissons_ratio": truth["poissons_ratio[low_x]"]}
     return SceneStart("graded_body", "elasticity", settings, same, position, velocity, volume[kept], varying=varying)
 

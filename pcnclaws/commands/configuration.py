@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from omegaconf import DictConfig, OmegaConf
 
+from pcnclaws.commands.surroundings import domain_of, grid_spacing_from, surroundings_from
 from pcnclaws.compiled.backend import use_backend
 from pcnclaws.data.observation import Observation
 from pcnclaws.data.observation_files import from_record, from_table, observed_record
@@ -21,7 +22,7 @@ from pcnclaws.laws.parameters import validate_parameters
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.fast_paths import Skips
-from pcnclaws.simulation.placement import require_inside
+from pcnclaws.simulation.placement import require_inside, require_volume
 from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.time_step import stability_of
 
@@ -56,11 +57,14 @@ def settings_from(config: DictConfig, automatic: float | None = None) -> Simulat
     gravity = [float(component) for component in simulation.gravity]
     settings = SimulationSettings(
         time_step=float(time_step),
-        grid_nodes=simulation.grid_nodes,
+        grid_spacing=grid_spacing_from(simulation) or float(simulation.grid_spacing),
         wall_distance=float(simulation.wall_distance),
         gravity=(gravity[0], gravity[1], gravity[2]),
         boundary=simulation.boundary,
         density=float(simulation.density),
+        domain=domain_of(simulation.domain),
+        friction=float(simulation.friction),
+        **surroundings_from(config.scene),
     )
     settings.require_walls_that_hold()
     return settings
@@ -87,6 +91,7 @@ def start_from(config: DictConfig) -> SceneStart:
     body = body_from(config)
     if body.density is not None and settings.density != SimulationSettings.density:
         raise _two_densities(config)
+    require_volume(body.volume, settings, _where(config))
     require_inside(body.position, settings, _where(config))
     file = config.scene.particles or config.scene.mesh
     name = config.scene.name or (Path(str(file)).stem if file else config.scene.shape)
@@ -260,10 +265,14 @@ def _known_start(
 
 def _observed_settings(config: DictConfig, own: SimulationSettings) -> SimulationSettings:
     """The observation's settings with what `simulation.*` says instead."""
-    names = ("time_step", "grid_nodes", "wall_distance", "gravity", "boundary", "density")
+    names = ("time_step", "grid_spacing", "wall_distance", "gravity", "boundary", "density", "friction", "domain")
     given = {name: config.simulation[name] for name in names if config.simulation[name] is not None}
     if "gravity" in given:
         given["gravity"] = tuple(float(component) for component in given["gravity"])
+    if "domain" in given:
+        given["domain"] = domain_of(given["domain"])
+    spacing = grid_spacing_from(config.simulation)
+    given |= surroundings_from(config.scene) | ({} if spacing is None else {"grid_spacing": spacing})
     settings = replace(own, **given)
     # those of a file may be thinner, as long as the motion lets them
     if own.walls_hold or "wall_distance" in given:

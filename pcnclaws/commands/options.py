@@ -8,8 +8,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from pcnclaws.errors import UserError, unknown_name
 
-# Words that an option takes beside the numbers of its kind.
-WORDS = {"simulation.time_step": ("auto",)}
+# Words that an option takes beside the numbers of its kind; None is null.
+WORDS: Mapping[str, tuple[object, ...]] = {"simulation.time_step": ("auto",), "simulation.domain": (None,)}
 KINDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "text"}
 # Lists whose length is free: what a benchmark problem goes through. Other lists are vectors, as long as their default.
 FREE_LISTS = "problem."
@@ -86,7 +86,7 @@ def _require_kind(option: str, value: Any, default: Any) -> None:
     else:
         right, accepted = _is_kind(value, default), _accepted(default)
     if not right:
-        words = "".join(f", or {word}" for word in WORDS.get(option, ()))
+        words = "".join(f", or {_shown(word)}" for word in WORDS.get(option, ()))
         raise UserError(f"{option}={_shown(value)} is not accepted; accepted: {accepted}{words}")
 
 

@@ -45,7 +45,10 @@ OF_GENERATED_DATA = (
     "simulation",  # a preset
     *(
         f"simulation.{name}"
-        for name in ("time_step", "steps", "every", "grid_nodes", "wall_distance", "gravity", "boundary", "density")
+        for name in (
+            *("time_step", "steps", "every", "grid_spacing", "grid_nodes", "wall_distance", "gravity", "boundary"),
+            *("density", "domain", "friction"),
+        )
     ),
     "data.folder",
     "data.train_scenes",
@@ -126,6 +129,12 @@ def _nothing_drawn(options: Options) -> bool:
 
 
 _BODY = (
+    Rule(("simulation.grid_spacing",), "beside simulation.grid_nodes", _given("simulation.grid_nodes")),
+    Rule(
+        ("simulation.wall_distance", "simulation.boundary", "simulation.friction"),
+        "without a domain, which has no walls",
+        lambda options: "simulation.steps" in options and options.get("simulation.domain") is None,
+    ),
     Rule(LATTICE, "beside scene.particles", _given("scene.particles")),
     Rule(("scene.shape",), "beside scene.mesh", _given("scene.mesh")),
     Rule(("scene.lattice",), "on a shape that is the centres of cells anyway", _of_cells),

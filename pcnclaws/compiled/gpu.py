@@ -2,8 +2,8 @@
 
 import ctypes
 from collections.abc import Sequence
-from functools import cache
-from typing import NamedTuple
+from functools import lru_cache
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
@@ -11,12 +11,10 @@ from torch import Tensor
 from pcnclaws.compiled.calls import address
 from pcnclaws.compiled.gpu_build import Kernels, kernels_of
 from pcnclaws.compiled.law_source import LawKernel
-from pcnclaws.compiled.structures import Bodies, Settings, weights_structure
+from pcnclaws.compiled.structures import Bodies, Corners, Settings, weights_structure
 
 NUMBERS = {torch.float32: "float", torch.float64: "double"}
 LAYERS = 3  # of a network whose kernel runs on a GPU
-# Nodes of an axis beyond the cells: one at the end of the domain, and one of padding on each side.
-MORE_NODES = 3
 ALIGNMENT = 32  # bytes
 # Memory that the threads of a block share, on every GPU [bytes].
 MOST_SHARED = 48 * 1024
@@ -34,18 +32,34 @@ class _Moved(ctypes.Structure):
     _fields_ = (("velocity", ctypes.c_void_p), ("affine", ctypes.c_void_p))
 
 
+@runtime_checkable
+class DescribedStep(Protocol):
+    """The settings of a step: StepSettings of pcnclaws/compiled/step.py."""
+
+    @property
+    def walls(self) -> bytes:
+        """What the nodes of the axes are."""
+        ...
+
+    @property
+    def size(self) -> int:
+        """Nodes of a scene."""
+        ...
+
+    def described(self, walls: int | None, window: bool) -> Settings:
+        """As the kernels read it."""
+        ...
+
+
 class StepInput(NamedTuple):
     """A step on a GPU.
 
-    walls   as in StepSettings
+    settings  StepSettings
     bodies  scene_index, mass, volume (particles,) and gravity (3, scenes)
     state   position, velocity (3, particles), affine, deformation and stress (3, 3, particles)
     """
 
-    time_step: float
-    nodes: int
-    stick: bool
-    walls: bytes
+    settings: "DescribedStep"
     bodies: tuple[Tensor, ...]
     state: tuple[Tensor, ...]
 
@@ -124,12 +138,44 @@ def step_adjoint(
     return gradient
 
 
-def failing(position: Tensor, deformation: Tensor) -> Tensor:
+def step_to_grid(step: StepInput, nodes: Tensor) -> None:
+    """Momentum and mass of the nodes into nodes, 0 before, (nodes of all scenes, 4)."""
+    kernels = _Step(step)
+    kernels.each_particle("scatter_state", kernels.state, address(nodes))
+
+
+def step_from_grid(step: StepInput, velocities: Tensor, after: tuple[Tensor, ...]) -> None:
+    """The state after the step into `after`, from the velocities of the nodes."""
+    kernels = _Step(step)
+    kernels.each_particle("gather_state", kernels.state, address(velocities), _fields(after))
+
+
+def step_to_node_velocities(step: StepInput, incoming: tuple[Tensor, ...], gradients: Tensor) -> None:
+    """Gradients at the velocities of the nodes into `gradients`, 0 before, from those of the state after."""
+    kernels = _Step(step)
+    kernels.each_particle("scatter_gradient", kernels.state, _fields(incoming), address(gradients))
+
+
+def step_gather_gradient(
+    step: StepInput,
+    nodes: Nodes,
+    after: tuple[Tensor, ...],
+    incoming: tuple[Tensor, ...],
+    gradient: tuple[Tensor, ...],
+) -> None:
+    """Gradients of the five fields of the state into `gradient`; nodes: gradients at momentum and mass, velocities."""
+    kernels = _Step(step)
+    moved = _Moved(after[1].data_ptr(), after[2].data_ptr())
+    arrays = address(nodes.moved), address(nodes.momentum), _fields(gradient)
+    kernels.each_particle("gather_gradient", kernels.state, moved, _fields(incoming), *arrays)
+
+
+def failing(position: Tensor, deformation: Tensor, domain: Corners) -> Tensor:
     """As in pcnclaws/compiled/failing.py; contiguous tensors."""
     particles = position.shape[1]
     failed = torch.empty(particles, dtype=torch.bool, device=position.device)
     arrays = address(position), address(deformation), address(failed)
-    _step_kernels(position).start("find_failing", particles, ctypes.c_int64(particles), *arrays)
+    _step_kernels(position).start("find_failing", particles, ctypes.c_int64(particles), domain, *arrays)
     return failed
 
 
@@ -139,11 +185,11 @@ class _Step:
     def __init__(self, step: StepInput) -> None:
         scene, mass, volume, gravity = step.bodies
         particles, scenes = mass.numel(), gravity.shape[1]
-        walls = _walls(step.walls, mass.device)
-        settings = Settings(step.time_step, step.nodes, step.stick, False, walls.data_ptr())
+        walls = _walls(step.settings.walls, mass.device)
+        settings = step.settings.described(walls.data_ptr() if len(walls) else None, window=False)
         arrays = (tensor.data_ptr() for tensor in (scene, mass, volume, gravity))
         self._given = settings, Bodies(particles, scenes, *arrays)
-        self._particles, self._node_count = particles, scenes * (step.nodes + MORE_NODES) ** 3
+        self._particles, self._node_count = particles, scenes * step.settings.size
         self._like, self._kernels = mass, _step_kernels(mass)
         self.state = _fields(step.state)
 
@@ -245,7 +291,7 @@ def _aligned(weights: Sequence[Tensor]) -> list[Tensor]:
     return [weight if weight.data_ptr() % ALIGNMENT == 0 else weight.clone() for weight in weights]
 
 
-@cache
+@lru_cache(maxsize=256)
 def _walls(walls: bytes, device: torch.device) -> Tensor:
     return torch.tensor(list(walls), dtype=torch.uint8, device=device)
 

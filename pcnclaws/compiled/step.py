@@ -5,7 +5,7 @@ On a GPU it is several, differentiable in reverse mode alone.
 
 import ctypes
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import torch
@@ -24,17 +24,38 @@ class StepSettings:
     """What the kernel needs to know beside the particles.
 
     time_step  [s]
-    nodes      cells along an edge of the domain
-    stick      whether walls hold the whole velocity
+    origin     place of node 0 [m]
+    per_metre  cells in a metre
+    grid       first node along each axis, then the last one
+    contact    of walls, as in WALL_CONTACTS of pcnclaws/mpm/integrator.py
     window     whether only the part of the grid that particles touch is computed
-    walls      of the nodes -1 to nodes + 1 of an axis: 1 for a wall at the low side, 2 at the high side, 0 for none
+    walls      of the nodes of each axis: 1 for a wall at the low side, 2 at the high side, 0 for none; empty without
     """
 
     time_step: float
-    nodes: int
-    stick: bool
+    origin: tuple[float, float, float]
+    per_metre: float
+    grid: tuple[int, int, int, int, int, int]
+    contact: int
     window: bool
     walls: bytes
+
+    @property
+    def edges(self) -> tuple[int, int, int]:
+        """Nodes along each axis."""
+        x, y, z = (self.grid[3 + axis] - self.grid[axis] + 1 for axis in range(3))
+        return x, y, z
+
+    @property
+    def size(self) -> int:
+        """Nodes of a scene."""
+        x, y, z = self.edges
+        return x * y * z
+
+    def described(self, walls: int | None, window: bool) -> Settings:
+        """As the kernels read it. walls: the address of the walls."""
+        grid, origin = (ctypes.c_int * 6)(*self.grid), (ctypes.c_double * 3)(*self.origin)
+        return Settings(self.time_step, origin, self.per_metre, grid, self.contact, window, walls)
 
 
 def step(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
@@ -53,19 +74,15 @@ def step(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor
     return _Step.apply(settings, carries_rates(state), *bodies, *state)
 
 
-@cache
+@lru_cache(maxsize=256)
 def _settings(settings: StepSettings) -> tuple[Settings, object]:
     """What the kernels read, and what must stay alive with it."""
-    walls = ctypes.create_string_buffer(settings.walls, len(settings.walls))
-    numbers = settings.time_step, settings.nodes, settings.stick, settings.window
-    return Settings(*numbers, ctypes.addressof(walls)), walls
+    walls = ctypes.create_string_buffer(settings.walls, len(settings.walls)) if settings.walls else None
+    return settings.described(ctypes.addressof(walls) if walls else None, settings.window), walls
 
 
-def _on_gpu(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor, ...]) -> gpu.StepInput:
-    return gpu.StepInput(settings.time_step, settings.nodes, settings.stick, settings.walls, bodies, state)
-
-
-def _call(name: str, settings: StepSettings, bodies: tuple[Tensor, ...], *fields: tuple[Tensor, ...]) -> None:
+def call_step(name: str, settings: StepSettings, bodies: tuple[Tensor, ...], *fields: tuple[Tensor, ...]) -> None:
+    """Runs a kernel of the step on a CPU, on groups of arrays."""
     scene, mass, volume, gravity = bodies
     arrays = [tensor.data_ptr() for tensor in (scene, mass, volume, gravity)]
     described = Bodies(mass.numel(), gravity.shape[1], *arrays)
@@ -78,9 +95,9 @@ def _stepped(
 ) -> tuple[tuple[Tensor, ...], gpu.Nodes | None]:
     """The state after, and on a GPU the nodes on the way, for the backward pass."""
     if state[0].is_cuda:
-        return gpu.step_forward(_on_gpu(settings, bodies, state))
+        return gpu.step_forward(gpu.StepInput(settings, bodies, state))
     after = tuple(torch.empty_like(field) for field in state[:4])
-    _call("step_forward", settings, bodies, state, after)
+    call_step("step_forward", settings, bodies, state, after)
     return after, None
 
 
@@ -114,11 +131,11 @@ class _Step(torch.autograd.Function):
         incoming = _contiguous(incoming)
         if state[0].is_cuda:
             given = gpu.Nodes(*nodes), velocity, affine, incoming
-            gradient = gpu.step_adjoint(_on_gpu(ctx.settings, bodies, state), *given)
+            gradient = gpu.step_adjoint(gpu.StepInput(ctx.settings, bodies, state), *given)
             return (None, None, None, None, None, None, *gradient)
         gradient = tuple(torch.empty_like(field) for field in state)
         after = (velocity, velocity, affine)  # the kernel reads the second and the third
-        _call("step_adjoint", ctx.settings, bodies, state, after, incoming, gradient)
+        call_step("step_adjoint", ctx.settings, bodies, state, after, incoming, gradient)
         return (None, None, None, None, None, None, *gradient)
 
     @staticmethod
@@ -128,5 +145,5 @@ class _Step(torch.autograd.Function):
         given = zip(state, rates[6:], strict=True)
         before = tuple(torch.zeros_like(field) if rate is None else rate.contiguous() for field, rate in given)
         after_rates = tuple(torch.empty_like(field) for field in state[:4])
-        _call("step_rates", ctx.settings, bodies, state, before, ctx.after, after_rates)
+        call_step("step_rates", ctx.settings, bodies, state, before, ctx.after, after_rates)
         return after_rates

@@ -3,8 +3,11 @@
 import ctypes
 from collections.abc import Sequence
 from functools import cache
+from typing import TypeAlias
 
 from torch import Tensor
+
+Limits: TypeAlias = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 @cache
@@ -44,13 +47,31 @@ class LawInput(ctypes.Structure):
     )
 
 
+class Corners(ctypes.Structure):
+    """The lower and the upper corner of the domain."""
+
+    _fields_ = (("low", ctypes.c_double * 3), ("high", ctypes.c_double * 3))
+
+    @classmethod
+    def of(cls, limits: Limits) -> "Corners":
+        """Those of two corners [m]."""
+        low, high = limits
+        return cls((ctypes.c_double * 3)(*low), (ctypes.c_double * 3)(*high))
+
+
 class Settings(ctypes.Structure):
-    """The settings of a step. walls: the address of a byte for each node of an axis."""
+    """The settings of a step.
+
+    grid   first and last node along each axis
+    walls  the address of a byte for each node of the three axes, None where there are no walls
+    """
 
     _fields_ = (
         ("time_step", ctypes.c_double),
-        ("nodes", ctypes.c_int64),
-        ("stick", ctypes.c_int64),
+        ("origin", ctypes.c_double * 3),
+        ("per_metre", ctypes.c_double),
+        ("grid", ctypes.c_int * 6),
+        ("contact", ctypes.c_int64),
         ("window", ctypes.c_int64),
         ("walls", ctypes.c_void_p),
     )

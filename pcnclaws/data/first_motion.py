@@ -119,11 +119,14 @@ def _strain(gradient: Float[np.ndarray, "particles 3 3"]) -> float:
 
 
 def _without_walls(record: SceneRecord, position: Float[np.ndarray, "times particles 3"]) -> np.ndarray:
-    """The axes along which no wall is near: slipping walls push along one axis, others hold a body on all."""
+    """The axes along which no wall is near: walls without friction push along one axis, others hold a body on all."""
     settings = record.settings
-    limit = settings.wall_distance + REACH * settings.grid_spacing
-    away = (position.min((0, 1)) > limit) & (position.max((0, 1)) < 1.0 - limit)
-    return away if settings.boundary == "slip" or away.all() else np.zeros(3, dtype=bool)
+    if settings.colliders or settings.loads:
+        return np.zeros(3, dtype=bool)
+    low, high = settings.within(settings.wall_distance + REACH * settings.grid_spacing)
+    away = (position.min((0, 1)) > low) & (position.max((0, 1)) < high)
+    pushes = settings.boundary in ("separate", "slip") and settings.friction == 0.0
+    return away if pushes or away.all() else np.zeros(3, dtype=bool)
 
 
 def _size(vectors: Vectors) -> float:

@@ -10,7 +10,7 @@ scenes are simulated in fixed batches, so that their rounding does not depend on
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from pcnclaws.atomic import remove_partial_files, replaced_file
 from pcnclaws.data.hdf5 import read_scenes, write_scenes
 from pcnclaws.data.locks import one_after_another
 from pcnclaws.data.sampling import SPLITS, DataSetPlan, planned_scenes
+from pcnclaws.data.scene_settings import described_settings
 from pcnclaws.errors import UserError
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
@@ -160,8 +161,7 @@ def _read_manifest(manifest: Path) -> dict[str, Any]:
 def _description(plan: DataSetPlan) -> dict[str, Any]:
     """The plan in plain types, equal for two plans if and only if they give the same data."""
     body = np.concatenate((plan.body.position, plan.body.volume[:, None]), axis=1).astype("<f8")
-    settings = {f"simulation.{name}": value for name, value in asdict(plan.settings).items()}
-    settings["simulation.gravity"] = list(plan.settings.gravity)
+    settings = {f"simulation.{name}": value for name, value in described_settings(plan.settings).items()}
     # a manifest of particles of the same density is what it was before densities could differ
     own = (
         {}

@@ -5,6 +5,7 @@ import mmap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -156,6 +157,24 @@ class GuardedGroup:
             raise self.fault(f"@{name} is not three finite numbers")
         x, y, z = (float(component) for component in value)
         return x, y, z
+
+    def numbers(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
+        """The attribute of that name as finite numbers of a shape."""
+        value = np.asarray(self._attribute(name))
+        if value.shape != shape or value.dtype.kind not in "fiu" or not np.isfinite(value).all():
+            raise self.fault(f"@{name} is not {' x '.join(map(str, shape))} finite numbers")
+        return value.astype(np.float64)
+
+    def options(self) -> dict[str, Any]:
+        """All attributes: texts of one line, finite numbers, and three of them."""
+        found: dict[str, Any] = {}
+        for name in sorted(self._group.attrs):
+            value = np.asarray(self._attribute(name))
+            if value.dtype.kind not in "fiu":
+                found[name] = self.text(name)
+            else:
+                found[name] = self.number(name) if value.size == 1 else list(self.vector(name))
+        return found
 
     def text(self, name: str) -> str:
         """The attribute of that name as one printable line."""

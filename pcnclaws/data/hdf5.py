@@ -14,17 +14,17 @@ import numpy as np
 
 from pcnclaws.atomic import replaced_file
 from pcnclaws.data.guarded_hdf5 import GuardedGroup, check_heaps, one_line_faults
+from pcnclaws.data.scene_settings import VERSIONS, read_settings, version_of, write_settings
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.laws.parameters import PARAMETERS, validate_parameters
-from pcnclaws.mpm.settings import SimulationSettings
-from pcnclaws.simulation.records import LARGEST_VOLUME, Keyframes, SceneRecord
+from pcnclaws.simulation.placement import require_volume
+from pcnclaws.simulation.records import Keyframes, SceneRecord
 
 log = logging.getLogger(__name__)
 
 __all__ = ["Keyframes", "SceneRecord", "read_scenes", "scene_names", "write_scenes"]
 
 FORMAT = "pcnclaws.trajectories"
-VERSION = 1
 # Bytes of a compressed chunk: small enough to read a few frames, large enough to compress.
 CHUNK_BYTES = 2**19
 LONGEST_TIME = 1e9
@@ -45,10 +45,11 @@ def write_scenes(path: str | Path, records: Sequence[SceneRecord]) -> None:
     # in memory: on a full disk the library crashes when the process ends
     with replaced_file(path) as part, h5py.File(part, "w") as file:
         file.attrs["format"] = FORMAT
-        file.attrs["version"] = VERSION
+        version = max(version_of(record.settings) for record in records)
+        file.attrs["version"] = version
         scenes = file.create_group("scenes")
         for record in records:
-            _write_scene(scenes.create_group(_checked_name(record.name)), record)
+            _write_scene(scenes.create_group(_checked_name(record.name)), record, version)
 
 
 def read_scenes(path: str | Path, names: Sequence[str] | None = None, with_keyframes: bool = True) -> list[SceneRecord]:
@@ -59,12 +60,12 @@ def read_scenes(path: str | Path, names: Sequence[str] | None = None, with_keyfr
     """
     with one_line_faults(str(path)), _opened(path) as file:
         root = GuardedGroup(file, str(path))
-        scenes = _scenes_of(root)
+        scenes, version = _scenes_of(root)
         known = scenes.names()
         for name in names or ():
             if name not in known:
                 raise unknown_name("scene", name, known)
-        records = [_read_scene(scenes, name, str(path), with_keyframes) for name in names or known]
+        records = [_read_scene(scenes, name, version, with_keyframes) for name in names or known]
         _name_unread(root, names or known)
     return records
 
@@ -72,7 +73,7 @@ def read_scenes(path: str | Path, names: Sequence[str] | None = None, with_keyfr
 def scene_names(path: str | Path) -> list[str]:
     """Names of the scenes of a trajectory file, sorted."""
     with one_line_faults(str(path)), _opened(path) as file:
-        return _scenes_of(GuardedGroup(file, str(path))).names()
+        return _scenes_of(GuardedGroup(file, str(path)))[0].names()
 
 
 def _opened(path: str | Path) -> h5py.File:
@@ -89,16 +90,17 @@ def _opened(path: str | Path) -> h5py.File:
     return h5py.File(path, "r")
 
 
-def _scenes_of(root: GuardedGroup) -> GuardedGroup:
+def _scenes_of(root: GuardedGroup) -> tuple[GuardedGroup, int]:
+    """The scenes, and the version of the format."""
     found = root.text("format") if root.has_attribute("format") else ""
     if found != FORMAT:
         raise root.fault(f"not a trajectory file (@format='{found}'); accepted: @format='{FORMAT}'")
-    if (version := root.whole_number("version")) != VERSION:
-        raise root.fault(f"@version={version} is not known; accepted: {VERSION}")
+    if (version := root.whole_number("version")) not in VERSIONS:
+        raise root.fault(f"@version={version} is not known; accepted: {', '.join(map(str, VERSIONS))}")
     scenes = root.group("scenes")
     if not scenes.names():
         raise root.fault("holds no scene")
-    return scenes
+    return scenes, version
 
 
 def _name_unread(root: GuardedGroup, scenes: Sequence[str]) -> None:
@@ -112,12 +114,13 @@ def _name_unread(root: GuardedGroup, scenes: Sequence[str]) -> None:
         log.warning("%s: not read: %s%s", root.where, ", ".join(name[:60] for name in names[:LISTED]), more)
 
 
-def _read_scene(scenes: GuardedGroup, name: str, path: str, with_keyframes: bool) -> SceneRecord:
+def _read_scene(scenes: GuardedGroup, name: str, version: int, with_keyframes: bool) -> SceneRecord:
+    path = scenes.where
     where = f"{path}: scene '{name}'" if name.isprintable() else f"{path}: scene {name!a}"
     with one_line_faults(where):
         group = scenes.group(name, where)
         _checked_name(name)
-        settings, parameters = _settings(group), _parameters(group)
+        settings, parameters = read_settings(group, version), _parameters(group)
         time = group.array("time", (None,)).astype(np.float64)
         position = _numbers(group, "position", (len(time), None, 3))
         particles = position.shape[1]
@@ -126,6 +129,8 @@ def _read_scene(scenes: GuardedGroup, name: str, path: str, with_keyframes: bool
         velocity = _numbers(group, "velocity", position.shape) if "velocity" in group else None
         affine = _numbers(group, "initial_affine", (particles, 3, 3)) if "initial_affine" in group else None
         density = _numbers(group, "density", (particles,)) if "density" in group else None
+        colliders = len(settings.colliders)
+        impulses = _numbers(group, "impulses", (len(time), colliders, 3)) if "impulses" in group else None
         record = SceneRecord(
             name,
             group.text("material"),
@@ -139,29 +144,12 @@ def _read_scene(scenes: GuardedGroup, name: str, path: str, with_keyframes: bool
             source=path,
             initial_affine=affine,
             density=density,
+            impulses=impulses,
         )
         _check_values(group, record)
+        require_volume(volume, settings, group.where)
         keyframes = _keyframes(group, record) if "keyframes" in group and with_keyframes else None
         return replace(record, keyframes=keyframes)
-
-
-def _settings(group: GuardedGroup) -> SimulationSettings:
-    settings = SimulationSettings(
-        time_step=group.number("time_step"),
-        grid_nodes=group.whole_number("grid_nodes"),
-        wall_distance=group.number("wall_distance"),
-        gravity=group.vector("gravity"),
-        boundary=group.text("boundary"),
-        density=group.number("density"),
-    )
-    if group.has_attribute("grid_spacing"):
-        spacing = group.number("grid_spacing")
-        if abs(spacing * settings.grid_nodes - 1.0) > 1e-4:
-            raise group.fault(
-                f"@grid_spacing={spacing:g} does not fit @grid_nodes={settings.grid_nodes}; "
-                f"accepted: {settings.grid_spacing:g}"
-            )
-    return settings
 
 
 def _parameters(group: GuardedGroup) -> dict[str, float]:
@@ -205,8 +193,6 @@ def _check_values(group: GuardedGroup, record: SceneRecord) -> None:
     for name, values in (("volume", volume), ("density", density)):
         if values is not None and np.any(values.astype(np.float32) <= 0.0):
             raise group.fault(f"'{name}' is not positive everywhere")
-    if volume.sum(dtype=np.float64) > LARGEST_VOLUME:
-        raise group.fault(f"'volume' sums to {volume.sum():.3g}, more than the domain holds; accepted: m^3, at most 1")
 
 
 def _keyframes(scene: GuardedGroup, record: SceneRecord) -> Keyframes | None:
@@ -255,16 +241,13 @@ def _checked_name(name: str) -> str:
     return name
 
 
-def _write_scene(group: h5py.Group, record: SceneRecord) -> None:
-    settings = record.settings
+def _write_scene(group: h5py.Group, record: SceneRecord, version: int) -> None:
     group.attrs["material"] = record.material
-    for name in ("time_step", "grid_nodes", "grid_spacing", "wall_distance", "boundary", "density"):
-        group.attrs[name] = getattr(settings, name)
-    group.attrs["gravity"] = np.array(settings.gravity)
+    write_settings(group, record.settings, version)
     for name, value in record.parameters.items():
         group.attrs[name] = float(value)
     _write_array(group, "time", record.time.astype(np.float64))
-    for name in ("position", "volume", "initial_velocity", "initial_affine", "velocity", "density"):
+    for name in ("position", "volume", "initial_velocity", "initial_affine", "velocity", "density", "impulses"):
         values = getattr(record, name)
         if values is not None:
             _write_array(group, name, _as_recorded(values))

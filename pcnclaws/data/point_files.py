@@ -12,7 +12,6 @@ from pcnclaws.data.hdf5 import read_scenes, scene_names
 from pcnclaws.data.units import check_spacing
 from pcnclaws.errors import UserError
 from pcnclaws.geometry.shapes import PointCloud
-from pcnclaws.simulation.records import LARGEST_VOLUME
 
 log = logging.getLogger(__name__)
 
@@ -96,10 +95,6 @@ def _read_npz(path: Path) -> PointCloud:
     for name in ("volume", "density"):
         if name in arrays and arrays[name].min() <= 0.0:
             raise UserError(f"{path}: '{name}' is not positive everywhere")
-    if volume.sum() > LARGEST_VOLUME:
-        raise UserError(
-            f"{path}: 'volume' sums to {volume.sum():.3g}, more than the domain holds; accepted: m^3, at most 1"
-        )
     check_spacing(str(path), position, volume)
     return PointCloud(**arrays)
 

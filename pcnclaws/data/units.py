@@ -98,15 +98,17 @@ def flight_acceleration(
 
     None where too few frames show it.
     """
+    if settings.colliders or settings.loads:
+        return None
     begun = np.isfinite(position[0]).all(1)
     position = position[:, begun]
     seen = np.isfinite(position).all(2)
     frames = np.flatnonzero(np.count_nonzero(seen, axis=1))
-    limit = settings.wall_distance + REACH * settings.grid_spacing
+    lower, upper = settings.within(settings.wall_distance + REACH * settings.grid_spacing)
     low, high = np.nanmin(position[frames], axis=1), np.nanmax(position[frames], axis=1)
     # as far as the body reaches beyond the points
     low, high = low - (low[0] - body.min(0)), high + (body.max(0) - high[0])
-    flying = ((low > limit) & (high < 1.0 - limit)).all(1)
+    flying = ((low > lower) & (high < upper)).all(1)
     frames = frames[: int(np.argmin(flying)) if not flying.all() else len(frames)]
     if len(frames) < FEWEST_FRAMES:
         return None

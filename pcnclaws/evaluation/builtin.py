@@ -104,7 +104,7 @@ def _long_term(material: Material) -> BuiltinTask:
 
 def _resolution(material: Material) -> BuiltinTask:
     """Finer grid, shorter steps and more particles; frames at the same times as in the standard data set."""
-    finer = SimulationSettings(time_step=2.5e-4, grid_nodes=32)
+    finer = SimulationSettings(time_step=2.5e-4, grid_spacing=1 / 32)
     body = particles(particles_per_edge=16)
     return _of_plan(DataSetPlan(material, finer, body, steps=1000, every=10, keyframe_every=40), "test")
 

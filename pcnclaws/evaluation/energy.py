@@ -66,7 +66,7 @@ def _keyframe_energies(
         batch = batch_scenes([_at_keyframe(record, int(row))], torch.float64)
         fields, settings = (batch.state, batch.scenes), record.settings
         lively.append(scene_energy(*fields, batch.parameters, elasticity, settings.grid_spacing).item())
-        total.append(lively[-1] + potential_energy(*fields, settings.wall_distance).item())
+        total.append(lively[-1] + potential_energy(*fields, settings.floor).item())
     return np.array(lively), np.array(total)
 
 

@@ -43,8 +43,8 @@ def _states_after_contact(record: SceneRecord) -> Float[np.ndarray, "keyframes p
     if keyframes is None:
         return None
     settings = record.settings
-    felt = settings.wall_distance + REACH * settings.grid_spacing
-    touching = (np.minimum(keyframes.position, 1.0 - keyframes.position) < felt).any((1, 2))
+    low, high = settings.within(settings.wall_distance + REACH * settings.grid_spacing)
+    touching = ((keyframes.position < low) | (keyframes.position > high)).any((1, 2))
     after = np.logical_or.accumulate(touching)
     return keyframes.deformation[after] if after.any() else None
 

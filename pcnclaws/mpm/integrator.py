@@ -1,19 +1,31 @@
 """The MLS-MPM step. This file is the method; the others of this folder are its vocabulary."""
 
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from pcnclaws.compiled.calls import kernels_serve
+from pcnclaws.compiled.split_step import from_grid, to_grid
 from pcnclaws.compiled.step import StepSettings
 from pcnclaws.compiled.step import step as compiled_step
 from pcnclaws.linalg3 import matmul
-from pcnclaws.mpm.boundaries import apply_walls, axis_walls, wall_nodes
-from pcnclaws.mpm.grid import Grid
+from pcnclaws.mpm.boundaries import apply_colliders, apply_friction_walls, apply_walls, axis_walls, wall_nodes
+from pcnclaws.mpm.grid import MOST_WHOLE, Grid, grid_of
+from pcnclaws.mpm.loads import load_acceleration
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.shape_functions import quadratic_stencil
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.mpm.transfer import grid_to_particles, particles_to_grid
 from pcnclaws.tensor_types import Matrices
+
+Impulses = Float[Tensor, "colliders scenes 3"]
+TakeImpulses = Callable[[Impulses], None]
+# Contacts of walls in the order of the kernels.
+WALL_CONTACTS = ("separate", "stick of version 1", "slip", "sticky")
 
 
 class MPMIntegrator(nn.Module):
@@ -23,52 +35,126 @@ class MPMIntegrator(nn.Module):
             and two-way rigid body coupling"
     """
 
-    stencil_offsets: Tensor
-    walls: Tensor
-
     def __init__(self, settings: SimulationSettings, window: bool = True) -> None:
         """window: let the compiled step compute only the part of the grid that particles touch."""
         super().__init__()
-        self.settings = settings
-        self.grid = Grid(settings.grid_nodes)
-        self.kernel_settings = StepSettings(
-            settings.time_step,
-            settings.grid_nodes,
-            settings.boundary == "stick",
-            window,
-            axis_walls(self.grid, settings.wall_distance),
-        )
-        self.register_buffer("stencil_offsets", self.grid.stencil_offsets(), persistent=False)
-        self.register_buffer("walls", wall_nodes(self.grid, settings.wall_distance), persistent=False)
+        self.settings, self._window = settings, window
+        self.grid = grid_of(settings)
+        # what the walls do without friction, kernels do
+        self._on_grid = bool(settings.colliders) or settings.friction > 0.0
+        self._plain = replace(settings, colliders=(), loads=())
+        self._walls = b"" if settings.domain is None else axis_walls(self.grid, settings)
+        self._of_whole_grid = self._kernel_settings(self.grid)
 
-    def forward(self, state: ParticleState, stress: Matrices, scenes: Scenes) -> ParticleState:
+    def forward(
+        self,
+        state: ParticleState,
+        stress: Matrices,
+        scenes: Scenes,
+        step: int = 0,
+        take_impulses: TakeImpulses | None = None,
+    ) -> ParticleState:
         """The state one time step later, with the *trial* deformation (before plastic flow).
 
-        stress  Kirchhoff stress tau [Pa] of state.deformation, (3, 3, particles)
+        stress         Kirchhoff stress tau [Pa] of state.deformation, (3, 3, particles)
+        step           number of steps since the start, which says where colliders are and which loads act
+        take_impulses  is given the impulses of the colliders [N s]
         """
-        constants = (scenes.mass, scenes.volume, scenes.gravity)
-        if kernels_serve(state.position, (*state[1:], stress), constants):
-            bodies = (scenes.scene_index, *constants)
-            return ParticleState(*compiled_step(self.kernel_settings, bodies, (*state, stress)))
+        state = self._loaded(state, scenes, step)
+        served = kernels_serve(state.position, (*state[1:], stress), scenes.constants)
+        bodies = (scenes.scene_index, *scenes.constants)
+        if served and not self._on_grid:
+            grid = self._grid(state, by_kernel=True)
+            return ParticleState(*compiled_step(self.kernel_settings(grid), bodies, (*state, stress)))
 
-        dt, dx = self.settings.time_step, self.grid.spacing
-        stencil = quadratic_stencil(state.position, scenes.scene_index, self.grid, self.stencil_offsets)
+        grid = self._grid(state)
+        if served:
+            kernel = self.kernel_settings(grid)
+            nodes = to_grid(kernel, bodies, (*state, stress)).T
+            velocity = self._moved(nodes, grid, scenes, step, take_impulses)
+            return ParticleState(*from_grid(kernel, bodies, velocity, state.position, state.deformation))
+
+        dt, dx = self.settings.time_step, grid.spacing
+        stencil = quadratic_stencil(state.position, scenes.scene_index, grid, _offsets(grid, state.position.device))
 
         # particles to grid: the stress acts on the initial volume and joins the affine momentum
         affine_momentum = scenes.mass * state.affine - (dt * 4.0 / dx**2) * scenes.volume * stress
         nodes = particles_to_grid(
-            stencil, scenes.mass, scenes.mass * state.velocity, affine_momentum, dx, scenes.scene_count * self.grid.size
+            stencil, scenes.mass, scenes.mass * state.velocity, affine_momentum, dx, scenes.scene_count * grid.size
         )
-
-        # on the grid: gravity and walls
-        velocity = self._velocity(nodes).unflatten(1, (scenes.scene_count, self.grid.size))
-        velocity = apply_walls(velocity + dt * scenes.gravity[:, :, None], self.walls, self.settings.boundary)
+        velocity = self._moved(nodes, grid, scenes, step, take_impulses)
 
         # grid to particles: move with the grid, deform with its gradient
-        velocity, affine = grid_to_particles(stencil, velocity.flatten(1), dx)
+        velocity, affine = grid_to_particles(stencil, velocity, dx)
         position = state.position + dt * velocity
         deformation = state.deformation + dt * matmul(affine, state.deformation)
         return ParticleState(position, velocity, affine, deformation)
+
+    @property
+    def is_recordable(self) -> bool:
+        """Whether steps are the same work at all times, on arrays of the same sizes."""
+        return not self._on_grid and not self.settings.loads and self.grid.size <= MOST_WHOLE
+
+    def kernel_settings(self, grid: Grid) -> StepSettings:
+        """What the kernels need to know of a step on this part of the grid."""
+        return self._of_whole_grid if grid is self.grid else self._kernel_settings(grid)
+
+    def _kernel_settings(self, grid: Grid) -> StepSettings:
+        walls = tuple(
+            self._walls[begin + low - first : begin + high - first + 1]
+            for begin, first, low, high in zip(self._begins(), self.grid.low, grid.low, grid.high, strict=True)
+        )
+        return StepSettings(
+            self.settings.time_step,
+            grid.origin,
+            grid.per_metre,
+            (*grid.low, *grid.high),
+            WALL_CONTACTS.index(self.settings.boundary),
+            self._window,
+            b"".join(walls),
+        )
+
+    def _begins(self) -> tuple[int, int, int]:
+        """Where the walls of each axis begin."""
+        x, y, _ = self.grid.edges
+        return 0, x, x + y
+
+    def _grid(self, state: ParticleState, by_kernel: bool = False) -> Grid:
+        """The part of the grid that a step is computed on.
+
+        by_kernel  on a CPU the kernel finds the part that each scene touches itself, within a bounded domain
+        """
+        finds = by_kernel and not state.position.is_cuda and self.settings.domain is not None
+        if finds or (self.grid.size <= MOST_WHOLE and not self._on_grid):
+            return self.grid
+        return self.grid.window(state.position)
+
+    def _loaded(self, state: ParticleState, scenes: Scenes, step: int) -> ParticleState:
+        """The state with the velocity that loads add in the step."""
+        acceleration = load_acceleration(self.settings.loads, scenes.load_shares, step * self.settings.time_step)
+        if acceleration is None:
+            return state
+        return state._replace(velocity=state.velocity + self.settings.time_step * acceleration)
+
+    def _moved(
+        self, nodes: Tensor, grid: Grid, scenes: Scenes, step: int, take_impulses: TakeImpulses | None
+    ) -> Float[Tensor, "3 nodes"]:
+        """Velocity of the nodes after gravity, walls and colliders [m/s], from their momentum and mass."""
+        settings = self.settings
+        velocity = self._velocity(nodes).unflatten(1, (scenes.scene_count, grid.size))
+        velocity = velocity + settings.time_step * scenes.gravity[:, :, None]
+        if settings.domain is not None:
+            walls = _walls_of(grid, self._plain, nodes.device)
+            if settings.friction > 0.0:
+                velocity = apply_friction_walls(velocity, walls, settings.friction)
+            else:
+                velocity = apply_walls(velocity, walls, settings.boundary)
+        if settings.colliders:
+            mass, time = nodes[3].unflatten(0, (scenes.scene_count, grid.size)), step * settings.time_step
+            velocity, impulses = apply_colliders(velocity, mass, grid, settings.colliders, time)
+            if take_impulses is not None:
+                take_impulses(impulses)
+        return velocity.flatten(1)
 
     @staticmethod
     def _velocity(nodes: Tensor) -> Tensor:
@@ -80,3 +166,13 @@ class MPMIntegrator(nn.Module):
         momentum, mass = nodes[:3], nodes[3]
         occupied = mass > torch.finfo(mass.dtype).tiny * 1e3
         return torch.where(occupied, momentum / torch.where(occupied, mass, 1.0), 0.0)
+
+
+@lru_cache(maxsize=16)
+def _offsets(grid: Grid, device: torch.device) -> Tensor:
+    return grid.stencil_offsets().to(device)
+
+
+@lru_cache(maxsize=16)
+def _walls_of(grid: Grid, settings: SimulationSettings, device: torch.device) -> Tensor:
+    return wall_nodes(grid, settings).to(device)

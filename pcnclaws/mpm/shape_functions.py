@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from pcnclaws.mpm.grid import PADDING, Grid
+from pcnclaws.mpm.grid import Grid, middle_nodes
 from pcnclaws.tensor_types import SceneIndex, Vectors
 
 
@@ -28,7 +28,7 @@ def quadratic_stencil(position: Vectors, scene_index: SceneIndex, grid: Grid, of
     """Nodes and quadratic B-spline weights of each particle.
 
     With d the distance to the middle node in units of dx: w = (1/2 (1/2 - d)^2, 3/4 - d^2, 1/2 (1/2 + d)^2).
-    Positions outside the domain (a diverged particle, which the rollout reports) borrow the nearest stencil
+    Positions outside the grid (a diverged particle, which the rollout reports) borrow the nearest stencil
     so that memory is never touched out of bounds.
 
     position     [m], (3, particles)
@@ -36,13 +36,13 @@ def quadratic_stencil(position: Vectors, scene_index: SceneIndex, grid: Grid, of
     offsets      Grid.stencil_offsets() on the device of the particles, (27,)
     source       Jiang et al. 2016, "The material point method for simulating continuum materials", eq. 123
     """
-    scaled = position * grid.nodes
-    middle = torch.floor(scaled.detach() + 0.5).nan_to_num(0.0).clamp(0, grid.nodes)
-    d = scaled - middle
+    origin, low, high = (position.new_tensor(corner)[:, None] for corner in (grid.origin, grid.low, grid.high))
+    middle = middle_nodes(position.detach(), grid).nan_to_num(0.0).clamp(low + 1.0, high - 1.0)
+    d = (position - origin) * grid.per_metre - middle
     axis_weight = torch.stack((0.5 * (0.5 - d).square(), 0.75 - d.square(), 0.5 * (0.5 + d).square()), dim=1)
     x, y, z = axis_weight
     weight = ((x[:, None] * y[None]).unsqueeze(2) * z[None, None]).flatten(0, 2)
 
-    first = middle.long() + (PADDING - 1)
-    number = (first[0] * grid.edge + first[1]) * grid.edge + first[2] + scene_index * grid.size
+    first = (middle - low).long() - 1
+    number = (first[0] * grid.edges[1] + first[1]) * grid.edges[2] + first[2] + scene_index * grid.size
     return Stencil(number + offsets[:, None], weight, d)

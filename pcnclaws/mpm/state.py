@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from pcnclaws.tensor_types import Matrices, Scalars, SceneIndex, SceneVectors, Vectors
 
@@ -37,12 +38,19 @@ class Scenes(NamedTuple):
     mass         [kg], (particles,)
     volume       initial volume [m^3], (particles,)
     gravity      [m/s^2], (3, scenes)
+    load_shares  what each load of the settings gives to each particle (mpm/loads.py), (loads, particles)
     """
 
     scene_index: SceneIndex
     mass: Scalars
     volume: Scalars
     gravity: SceneVectors
+    load_shares: Tensor = torch.zeros(0, 0)
+
+    @property
+    def constants(self) -> tuple[Tensor, ...]:
+        """What the kernels take beside the scene index: mass, volume, gravity."""
+        return self.mass, self.volume, self.gravity
 
     @property
     def scene_count(self) -> int:

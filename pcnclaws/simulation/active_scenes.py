@@ -10,6 +10,7 @@ from torch import Tensor
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.free_fall import fallen
+from pcnclaws.simulation.impulses import ImpulseSum
 from pcnclaws.simulation.simulator import Step
 from pcnclaws.tensor_types import Parameters
 
@@ -51,7 +52,13 @@ def group_of(scenes: Scenes, parameters: Parameters, numbers: Collection[int]) -
     renumbered[index] = torch.arange(len(chosen), device=index.device)
     scene_index = renumbered[scenes.scene_index]
     particles = (scene_index >= 0).nonzero()[:, 0]
-    part = Scenes(scene_index[particles], scenes.mass[particles], scenes.volume[particles], scenes.gravity[:, index])
+    part = Scenes(
+        scene_index[particles],
+        scenes.mass[particles],
+        scenes.volume[particles],
+        scenes.gravity[:, index],
+        scenes.load_shares[:, particles] if len(scenes.load_shares) else scenes.load_shares,
+    )
     return SceneGroup(chosen, particles, part, {name: values[particles] for name, values in parameters.items()})
 
 
@@ -60,6 +67,7 @@ class ActiveScenes:
 
     step_of     makes the step of some scenes
     free_steps  steps after which each scene begins to run, in free fall until then
+    impulses    is told which scenes run
 
     `n` is the step reached, `group` the scenes that run, `state` theirs, `step` their step, `joins` the steps after
     which scenes begin to run.
@@ -71,9 +79,10 @@ class ActiveScenes:
         batch: SceneBatch,
         time_step: float,
         free_steps: Sequence[int],
+        impulses: ImpulseSum | None = None,
     ) -> None:
         self._step_of, self._scenes, self._parameters, self._time_step = step_of, *batch[1:3], time_step
-        self._free_steps = list(free_steps)
+        self._free_steps, self.impulses = list(free_steps), impulses
         self.joins = frozenset(free_steps)
         # where scenes that do not run began to fall, or came to rest
         self._idle = batch.state
@@ -114,3 +123,5 @@ class ActiveScenes:
         self.group = group_of(self._scenes, self._parameters, running)
         self.state = self.group.part_of(whole)
         self.step = self._step_of(self.group.scenes, self.group.parameters)
+        if self.impulses is not None:
+            self.impulses.numbers = self.group.numbers

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pcnclaws.mpm.loads import load_shares
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.layout import matrices_first, vectors_first
 from pcnclaws.simulation.scenes import SceneStart, group_by_settings
@@ -63,7 +64,9 @@ def batch_scenes(
     )
     gravity = tensor(vectors_first(np.array([start.settings.gravity for start in starts])))
     scene_index = torch.tensor(index, dtype=torch.int64, device=device)
-    scenes = Scenes(scene_index, tensor(density * volume), tensor(volume), gravity)
+    mass = tensor(density * volume)
+    shares = load_shares(starts[0].settings.loads, state.position, mass, scene_index)
+    scenes = Scenes(scene_index, mass, tensor(volume), gravity, shares)
     parameters = {name: tensor(np.concatenate([values[name] for values in of_particles])) for name in sorted(names)}
     return SceneBatch(state, scenes, parameters, tuple(start.name for start in starts))
 

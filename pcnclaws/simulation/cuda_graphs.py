@@ -28,13 +28,16 @@ MOST_RECORDINGS = 8
 WARM_UP = 2  # steps before the recording, in which kernels are compiled and libraries take their memory
 
 
-def records_steps(state: ParticleState, scenes: Scenes) -> bool:
-    """Whether steps of this state are recorded: on a GPU, unless simulation.backend=torch or in forward mode."""
-    if not state.position.is_cuda or configured_backend() == "torch":
+def records_steps(simulator: Simulator, state: ParticleState, scenes: Scenes) -> bool:
+    """Whether steps of this state are recorded: on a GPU, unless simulation.backend=torch or in forward mode.
+
+    Those with colliders or loads, which change with time, are not, nor those in large or unbounded domains.
+    """
+    if not state.position.is_cuda or configured_backend() == "torch" or not simulator.integrator.is_recordable:
         return False
     if in_function_transform() or in_forward_mode():
         return False
-    return not any(field.requires_grad for field in scenes[1:])
+    return not any(field.requires_grad for field in scenes.constants)
 
 
 @torch.no_grad()
@@ -76,7 +79,7 @@ def _law_inputs(
 ) -> tuple[tuple[str, ...] | None, list[Tensor]]:
     """Names and inputs of _Batch: what kernels read of the parameters is computed and differentiated once."""
     given = (*state[1:], *parameters.values())
-    served = kernels_serve(state.position, given, scenes[1:], list(simulator.parameters()))
+    served = kernels_serve(state.position, given, scenes.constants, list(simulator.parameters()))
     if not (served and simulator.runs_compiled(state)):
         return tuple(parameters), list(parameters.values())
     particles = state.position.shape[1]
@@ -205,7 +208,7 @@ class _StepGraphs:
     @torch.no_grad()
     def _step_forward(self) -> None:
         after = self._step(ParticleState(*self._state.parts), self._inputs)
-        self._failed.logical_or_(failing_particles(after))
+        self._failed.logical_or_(failing_particles(after, self._simulator.integrator.settings.limits))
         _copy(self._state.parts, after)
 
     def _step(self, state: ParticleState, inputs: Sequence[Tensor], evaluated: bool = True) -> ParticleState:
@@ -259,7 +262,7 @@ def _graphs_for(simulator: Simulator, batch: _Batch, needed: Sequence[bool] | No
         batch.names,
         None if needed is None else tuple(needed),
         tuple(id(law) for law in simulator.laws),
-        simulator.integrator.kernel_settings,
+        simulator.integrator.settings,
         tuple((tensor.data_ptr(), tensor.requires_grad) for tensor in _memory_of(simulator)),
     )
     if key in recordings:

@@ -14,8 +14,11 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from pcnclaws.linalg3 import identity_like
+from pcnclaws.mpm.contact import VERSION_1_STICK
+from pcnclaws.mpm.grid import grid_of
 from pcnclaws.mpm.settings import DISTANCE_TOLERANCE, SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.simulation.collider_distance import steps_before_colliders
 from pcnclaws.simulation.simulator import Simulator
 from pcnclaws.simulation.stress_free import is_stress_free_at_rest
 from pcnclaws.tensor_types import Parameters
@@ -29,10 +32,11 @@ def free_steps(
 ) -> list[int]:
     """How many of the next steps each scene stays in free fall.
 
-    0 for a scene that spins, is deformed, has stress at F = I, or touches a wall that it moves into; also where
-    velocity, C or F carry derivatives, since a change of them alone would end the free fall.
+    0 for a scene that spins, is deformed, has stress at F = I, bears loads, or touches a wall that it moves into or a
+    collider; also where velocity, C or F carry derivatives, since a change of them alone would end the free fall.
     """
-    if any(map(_carries_derivative, (state.velocity, state.affine, state.deformation))):
+    settings = simulator.integrator.settings
+    if settings.loads or any(map(_carries_derivative, (state.velocity, state.affine, state.deformation))):
         return [0] * scenes.scene_count
     first = _first_particles(scenes)
     falls = _moves_as_one(state, scenes, first).tolist()
@@ -42,10 +46,16 @@ def free_steps(
     lower, upper = _extreme(state.position, scenes, "amin"), _extreme(state.position, scenes, "amax")
     # a list first: under torch.func a tensor does not give away its memory
     motion = np.array(torch.stack((lower, upper, state.velocity[:, first], scenes.gravity)).tolist())
-    settings = simulator.integrator.settings
-    return [
+    free = [
         _steps_before_contact(motion[:, :, scene], settings, steps) if falls[scene] else 0
         for scene in range(scenes.scene_count)
+    ]
+    if not settings.colliders:
+        return free
+    index = scenes.scene_index
+    return [
+        steps_before_colliders(state.position[:, index == scene], motion[2:, :, scene], settings, count)
+        for scene, count in enumerate(free)
     ]
 
 
@@ -76,12 +86,15 @@ def _steps_before_contact(motion: Float[np.ndarray, "4 3"], settings: Simulation
     n, dt = np.arange(steps + 1, dtype=np.float64)[:, None], settings.time_step
     path = n * dt * velocity + (dt**2 * n * (n + 1.0) / 2.0) * gravity
     after = velocity + (n + 1.0) * dt * gravity
-    last_wall_node = math.floor(settings.wall_distance * settings.grid_nodes + DISTANCE_TOLERANCE)
-    felt = (last_wall_node + REACH) * settings.grid_spacing
+    last_wall_node = math.floor(settings.wall_distance * grid_of(settings).per_metre + DISTANCE_TOLERANCE)
+    felt = settings.within((last_wall_node + REACH) * settings.grid_spacing)
+    limits = settings.within(0.0)
     low, high = lower + path, upper + path
-    opposed = ((low <= felt) & (after < 0.0)) | ((high >= 1.0 - felt) & (after > 0.0))
+    near_low, near_high = low <= felt[0], high >= felt[1]
+    if settings.boundary in ("separate", VERSION_1_STICK):  # which let go
+        near_low, near_high = near_low & (after < 0.0), near_high & (after > 0.0)
     # written so that a position that is not a number is not free
-    free = ((low >= 0.0) & (high <= 1.0) & ~opposed).all(1)
+    free = ((low >= limits[0]) & (high <= limits[1]) & ~near_low & ~near_high).all(1)
     return steps if free.all() else max(int(np.argmin(free)) - 1, 0)
 
 

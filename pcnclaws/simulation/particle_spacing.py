@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
+from pcnclaws.mpm.settings import FEWEST_CELLS, SimulationSettings
 from pcnclaws.simulation.scenes import SceneStart
 
 log = logging.getLogger(__name__)
@@ -46,7 +47,7 @@ def warn_of_sparse_particles(starts: Sequence[SceneStart]) -> None:
     log.warning(
         "scene '%s'%s: its particles are %.3g cells apart (%.3g m), %.2g a cell: with less than 1 a cell a body breaks "
         "apart without a law of fracture; advised: at most %.3g m, better %.3g m (scene.particles_per_edge), or a "
-        "coarser grid (simulation.grid_nodes=%d)",
+        "coarser grid (simulation.grid_spacing=%.3g)",
         start.name,
         others,
         spacing / dx,
@@ -54,5 +55,13 @@ def warn_of_sparse_particles(starts: Sequence[SceneStart]) -> None:
         particles_a_cell(start),
         dx,
         0.5 * dx,
-        max(int(1.0 / spacing + ROUNDING), 4),
+        _coarser_spacing(start.settings, spacing),
     )
+
+
+def _coarser_spacing(settings: SimulationSettings, least: float) -> float:
+    """The smallest spacing of a grid that fits the domain and is not below another one [m]."""
+    if settings.domain is None:
+        return least
+    edge = min(high - low for low, high in zip(*settings.domain, strict=True))
+    return edge / max(int(edge / least + ROUNDING), FEWEST_CELLS)

@@ -45,7 +45,7 @@ def _records(starts: Sequence[SceneStart], batch: SceneBatch, trajectory: Trajec
     fields = [split_vectors(field, counts) for field in vectors]
     fields += [split_matrices(field, counts) for field in (trajectory.affine, trajectory.deformation)]
     records = []
-    for start, position, velocity, *full_states in zip(starts, *fields, strict=True):
+    for scene, (start, position, velocity, *full_states) in enumerate(zip(starts, *fields, strict=True)):
         parameters = {name: value for name, value in start.parameters.items() if name not in start.varying}
         at = np.searchsorted(step, keyframe_step)
         records.append(
@@ -64,6 +64,7 @@ def _records(starts: Sequence[SceneStart], batch: SceneBatch, trajectory: Trajec
                 if start.affine is None or not start.affine.any()
                 else start.affine.astype(position.dtype),
                 density=None if start.density is None else start.density.astype(position.dtype),
+                impulses=trajectory.impulses[:, scene].numpy() if start.settings.colliders else None,
             )
         )
     return records

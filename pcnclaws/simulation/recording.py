@@ -7,6 +7,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from pcnclaws.mpm.state import ParticleState
+from pcnclaws.simulation.impulses import ImpulseSum
 
 
 class Trajectory(NamedTuple):
@@ -19,6 +20,7 @@ class Trajectory(NamedTuple):
     affine             C [1/s], (keyframes, 3, 3, particles)
     deformation        F [-], (keyframes, 3, 3, particles)
     keyframe_velocity  [m/s], (keyframes, 3, particles)
+    impulses           of colliders since the start [N s], (frames, scenes, colliders, 3)
     """
 
     step: Int64[Tensor, " frames"]
@@ -28,6 +30,7 @@ class Trajectory(NamedTuple):
     affine: Float[Tensor, "keyframes 3 3 particles"]
     deformation: Float[Tensor, "keyframes 3 3 particles"]
     keyframe_velocity: Float[Tensor, "keyframes 3 particles"]
+    impulses: Float[Tensor, "frames scenes colliders 3"]
 
 
 class FramePlan(NamedTuple):
@@ -58,10 +61,13 @@ class Recording:
     """Room for the frames of a run, filled one after the other.
 
     everything  keep velocity, C and F of every frame, asked for or not
+    impulses    the sum of impulses of which the frames are kept, too; None without colliders
     """
 
-    def __init__(self, plan: FramePlan, like: ParticleState, everything: bool = False) -> None:
-        self.plan = plan
+    def __init__(
+        self, plan: FramePlan, like: ParticleState, everything: bool = False, impulses: ImpulseSum | None = None
+    ) -> None:
+        self.plan, self._sum = plan, ImpulseSum(0, 0) if impulses is None else impulses
         self._row = {n: row for row, n in enumerate(plan.frames)}
         full = plan.frames if everything else plan.keyframes
         self._full_row = {n: row for row, n in enumerate(full)}
@@ -69,11 +75,13 @@ class Recording:
         self._position = like.position.new_empty(len(plan.frames), *like.position.shape)
         self._velocity = like.velocity.new_empty(velocities, *like.velocity.shape)
         self._full = [field.new_empty(len(full), *field.shape) for field in like[1:]]
+        self._impulses = self._sum.total.new_empty(len(plan.frames), *self._sum.total.shape)
 
     def put(self, n: int, state: ParticleState) -> None:
         """Keeps what is asked for of the state at one of the frames."""
         row = self._row[n]
         self._position[row] = state.position.detach()
+        self._impulses[row] = self._sum.total
         if len(self._velocity):
             self._velocity[row] = state.velocity.detach()
         if n in self._full_row:
@@ -96,4 +104,5 @@ class Recording:
             affine=affine,
             deformation=deformation,
             keyframe_velocity=velocity,
+            impulses=self._impulses,
         )

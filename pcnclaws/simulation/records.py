@@ -11,8 +11,6 @@ from pcnclaws.mpm.settings import SimulationSettings
 
 # Recorded times may be rounded: accepted distance of a frame from a whole number of steps, in steps.
 TIME_TOLERANCE = 0.05
-# A body cannot be larger than the domain [m^3]; a larger sum of volumes is in other units.
-LARGEST_VOLUME = 1.001
 MAXIMUM_STEPS = 2**40
 
 
@@ -49,6 +47,7 @@ class SceneRecord:
     source            the file, for error messages
     initial_affine    APIC velocity gradient C at the first frame [1/s], (particles, 3, 3), None for 0
     density           of each particle [kg/m^3], (particles,), None where it is that of the settings
+    impulses          of each collider on the body since the start [N s], (frames, colliders, 3), None when not recorded
     """
 
     name: str
@@ -64,6 +63,7 @@ class SceneRecord:
     source: str = ""
     initial_affine: Float[np.ndarray, "particles 3 3"] | None = None
     density: Float[np.ndarray, " particles"] | None = None
+    impulses: Float[np.ndarray, "frames colliders 3"] | None = None
 
     @property
     def label(self) -> str:

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from pcnclaws.errors import ParticleEscaped, SimulationDiverged
 from pcnclaws.mpm.diagnostics import failing_particles, left_domain, why_failing
+from pcnclaws.mpm.settings import UNIT_BOX, Domain
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.active_scenes import ActiveScenes
 from pcnclaws.simulation.at_rest import RestWatch
@@ -23,6 +24,7 @@ from pcnclaws.simulation.execution import Progress
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.free_fall import free_steps
 from pcnclaws.simulation.gradient_checkpointing import recomputed_step
+from pcnclaws.simulation.impulses import ImpulseSum
 from pcnclaws.simulation.recording import FramePlan, Recording, Trajectory
 from pcnclaws.simulation.simulator import Simulator, Step
 from pcnclaws.tensor_types import ParticleMask
@@ -45,6 +47,7 @@ def simulate(
     scene_names: Sequence[str] | None = None,
     advice: str = "",
     progress: Progress | None = None,
+    limits: Domain = UNIT_BOX,
 ) -> Trajectory:
     """Runs any step function without gradients and records it, velocities at the frames among it; skips nothing.
 
@@ -53,11 +56,12 @@ def simulate(
     scene_names     names of the scenes for error messages
     advice          what the message of a divergence ends with, such as the time-step limit
     progress        called with the number of steps just done
+    limits          SimulationSettings.limits, between which particles may be
     raises          SimulationDiverged, naming scene, step and particle, as soon as a frame is due
     """
     run = ActiveScenes(lambda *_: step, SceneBatch(state, scenes, {}), 0.0, [0] * scenes.scene_count)
     recording = Recording(FramePlan(steps, every, keyframe_every, velocities=True), state)
-    return _run(run, recording, None, _Report(scene_names, advice, progress))
+    return _run(run, recording, None, _Report(scene_names, advice, progress, limits))
 
 
 @torch.no_grad()
@@ -78,21 +82,24 @@ def simulate_scenes(
     skips = skips or Skips()
     settings = simulator.integrator.settings
     free = _free_steps(simulator, batch, plan.steps, skips)
-    run = ActiveScenes(simulator.step_function, batch, settings.time_step, free)
-    recording = Recording(plan, batch.state, everything=not skips.history)
-    watch = RestWatch(settings, plan.steps) if skips.rest else None
-    return _run(run, recording, watch, _Report(batch.names or None, "", progress), simulator)
+    impulses = ImpulseSum(batch.scenes.scene_count, len(settings.colliders)) if settings.colliders else None
+    step_of = partial(simulator.step_function, take_impulses=impulses.take if impulses else None)
+    run = ActiveScenes(step_of, batch, settings.time_step, free, impulses)
+    recording = Recording(plan, batch.state, not skips.history, impulses)
+    # what changes with time may wake a scene that rests
+    watch = RestWatch(settings, plan.steps) if skips.rest and not settings.changes else None
+    return _run(run, recording, watch, _Report(batch.names or None, "", progress, settings.limits), simulator)
 
 
 @torch.no_grad()
 def state_after(simulator: Simulator, batch: SceneBatch, steps: int) -> ParticleState:
     """The state `steps` steps later: every step is run, without a graph, and nobody looks whether it is physical."""
     state, scenes, parameters, _ = batch
-    if records_steps(state, scenes):
+    if records_steps(simulator, state, scenes):
         return advanced(simulator, state, scenes, parameters, steps)[0]
     step = simulator.step_function(scenes, parameters)
-    for _ in range(steps):
-        state = step(state)
+    for n in range(steps):
+        state = step(state, n)
     return state
 
 
@@ -135,7 +142,7 @@ def positions_at(
     skips, steps = skips or Skips(), max(at[-1], 1) if steps is None else steps
     state, scenes = batch.state, batch.scenes
     free = [min(n, steps - 1) for n in _free_steps(simulator, batch, steps, skips)]
-    if recompute is None and not records_steps(state, scenes):
+    if recompute is None and not records_steps(simulator, state, scenes):
         most = MOST_COMPILED_PARTICLE_STEPS if simulator.runs_compiled(state) else MOST_PARTICLE_STEPS
         recompute = _particle_steps(scenes, steps, free) > most
     step_of = partial(simulator.step_function, one_graph=True)
@@ -155,25 +162,26 @@ def _differentiable_steps(simulator: Simulator, run: ActiveScenes, count: int, r
     state, (scenes, parameters) = run.state, run.group[2:]
     if not run.any_running:
         return state
-    if records_steps(state, scenes):
+    if records_steps(simulator, state, scenes):
         given = (*state, *parameters.values(), *simulator.trained_weights())
         if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in given):
             return differentiable_steps(simulator, state, scenes, parameters, count)
         return advanced(simulator, state, scenes, parameters, count)[0]
-    for _ in range(count):
+    for n in range(run.n, run.n + count):
         if recompute and torch.is_grad_enabled():
-            state = recomputed_step(simulator, state, scenes, parameters)
+            state = recomputed_step(simulator, state, scenes, parameters, n)
         else:
-            state = run.step(state)
+            state = run.step(state, n)
     return state
 
 
 class _Report(NamedTuple):
-    """Whom to tell: the names and the advice for a divergence, and what hears of progress."""
+    """Whom to tell: the names, the advice and the domain for a divergence, and what hears of progress."""
 
     scene_names: Sequence[str] | None
     advice: str
     progress: Progress | None
+    limits: Domain
 
 
 def _run(
@@ -189,7 +197,7 @@ def _run(
     """
     plan = recording.plan
     frames, rests = set(plan.frames), set(watch.looks if watch else ())
-    _require_physical(run, failing_particles(run.state), 0, report)
+    _require_physical(run, failing_particles(run.state, report.limits), 0, report)
     for n in sorted(n for n in {*frames, *rests, *run.joins, plan.steps} if n <= plan.steps):
         _advance(run, n, report, simulator)
         if n in frames:
@@ -202,16 +210,17 @@ def _run(
 def _advance(run: ActiveScenes, n: int, report: _Report, simulator: Simulator | None) -> None:
     """Runs to step n with one look at the device at its end; the exact step is found again when it matters."""
     state, count = run.state, n - run.n
-    if simulator is not None and records_steps(state, run.group.scenes) and run.any_running and count:
+    runs = run.any_running and count > 0
+    if simulator is not None and runs and records_steps(simulator, state, run.group.scenes):
         state, failed = advanced(simulator, state, run.group.scenes, run.group.parameters, count)
         if report.progress:
             report.progress(count)
         _require_physical(run, failed, count, report)
     elif run.any_running and count:
         failed = torch.zeros_like(run.group.scenes.scene_index, dtype=torch.bool)
-        for _ in range(count):
-            state = run.step(state)
-            failed = failed | failing_particles(state)
+        for k in range(run.n, n):
+            state = run.step(state, k)
+            failed = failed | failing_particles(state, report.limits)
             if report.progress:
                 report.progress(1)
         _require_physical(run, failed, count, report)
@@ -228,18 +237,22 @@ def _require_physical(run: ActiveScenes, failed: ParticleMask, count: int, repor
     if not bool(failed.any()):
         return
     state, n, scene_index = run.state, run.n, run.group.scenes.scene_index
-    while not bool((failing := failing_particles(state)).any()) and n < run.n + count:
-        state, n = run.step(state), n + 1
+    while not bool((failing := failing_particles(state, report.limits)).any()) and n < run.n + count:
+        state, n = run.step(state, n), n + 1
     again = bool(failing.any())
     particle = int((failing if again else failed).nonzero()[0])
     # on a GPU two runs differ by rounding
-    why = why_failing(state, particle) if again else "it left the domain or turned inside out by no more than rounding"
+    why = (
+        why_failing(state, particle, report.limits)
+        if again
+        else "it left the domain or turned inside out by no more than rounding"
+    )
     scene = int(scene_index[particle])
     within = particle - int((scene_index < scene).sum())
     number = run.group.numbers[scene]
     name = report.scene_names[number] if report.scene_names else str(number)
     ending = f"; {report.advice}" if report.advice else ""
-    kind = ParticleEscaped if again and left_domain(state, particle) else SimulationDiverged
+    kind = ParticleEscaped if again and left_domain(state, particle, report.limits) else SimulationDiverged
     raise kind(f"scene '{name}' diverged at step {n}: particle {within}: {why}{ending}")
 
 

@@ -1,20 +1,26 @@
 """The only place where the physics of motion and the physics of material meet."""
 
-from collections.abc import Callable
-from functools import partial
+from typing import Protocol, runtime_checkable
 
 from torch import Tensor, nn
 
 from pcnclaws.compiled.calls import kernels_serve
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity, FixedParameters, Law, Plasticity
-from pcnclaws.mpm.integrator import MPMIntegrator
+from pcnclaws.mpm.integrator import MPMIntegrator, TakeImpulses
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.tensor_types import Parameters
 
-Step = Callable[[ParticleState], ParticleState]
+
+@runtime_checkable
+class Step(Protocol):
+    """The state one step later, from a state and the number of steps since the start."""
+
+    def __call__(self, state: ParticleState, step: int = 0, /) -> ParticleState: ...
+
+
 STATE_FIELDS, SCENE_FIELDS = len(ParticleState._fields), len(Scenes._fields)
 
 
@@ -31,14 +37,22 @@ class Simulator(nn.Module):
         self.integrator = integrator
 
     def forward(
-        self, state: ParticleState, scenes: Scenes, parameters: Parameters, evaluated: bool = True
+        self,
+        state: ParticleState,
+        scenes: Scenes,
+        parameters: Parameters,
+        evaluated: bool = True,
+        step: int = 0,
+        take_impulses: TakeImpulses | None = None,
     ) -> ParticleState:
         """The state one time step later.
 
-        evaluated  False for a state that is differentiated but not looked at: its deformation may have no meaning
+        evaluated      False for a state that is differentiated but not looked at: its deformation may have no meaning
+        step           number of steps since the start, at which colliders are where they are
+        take_impulses  is given the impulses of the colliders in this step [N s]
         """
         stress = self.elasticity(state.deformation, parameters)
-        trial = self.integrator(state, stress, scenes)
+        trial = self.integrator(state, stress, scenes, step, take_impulses)
         if self.plasticity is None:
             return trial
         after_flow = self.plasticity(trial.deformation, parameters, evaluated)
@@ -53,6 +67,10 @@ class Simulator(nn.Module):
         """The weights of the laws that are differentiated."""
         return [weight for weight in self.parameters() if weight.requires_grad]
 
+    def differentiated(self) -> list[Tensor]:
+        """What is differentiated beside states and parameters: weights, and numbers of colliders and loads."""
+        return [*self.trained_weights(), *(one for one in self.integrator.settings.tensors() if one.requires_grad)]
+
     def runs_compiled(self, state: ParticleState) -> bool:
         """Whether every part of a step from this state is a compiled kernel.
 
@@ -60,13 +78,25 @@ class Simulator(nn.Module):
         """
         return all(law.kernel is not None for law in self.laws) and kernels_serve(state.position)
 
-    def step_function(self, scenes: Scenes, parameters: Parameters, one_graph: bool = False) -> Step:
-        """The step as a function of the state alone; the parameters must not be changed in place meanwhile.
+    def step_function(
+        self,
+        scenes: Scenes,
+        parameters: Parameters,
+        one_graph: bool = False,
+        take_impulses: TakeImpulses | None = None,
+    ) -> Step:
+        """The step as a function of the state, and of the number of steps since the start (0 unless it is given).
 
+        The parameters must not be changed in place meanwhile.
         one_graph  all steps are differentiated in one backward pass: what the laws read of the parameters is computed
                    and differentiated once
         """
-        return partial(self.forward, scenes=scenes, parameters=FixedParameters(parameters, one_graph))
+        fixed = FixedParameters(parameters, one_graph)
+
+        def stepped(state: ParticleState, step: int = 0) -> ParticleState:
+            return self.forward(state, scenes, fixed, True, step, take_impulses)
+
+        return stepped
 
 
 def simulator_of(laws: Laws, settings: SimulationSettings, skips: Skips | None = None) -> Simulator:

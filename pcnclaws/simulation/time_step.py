@@ -15,6 +15,7 @@ from pcnclaws.errors import ParticleEscaped, SimulationDiverged, UserError
 from pcnclaws.laws.parameters import compression_wave_speed
 from pcnclaws.mpm.diagnostics import cfl_number, fall_speed
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.collider_distance import collider_speed, fall_to_colliders
 from pcnclaws.simulation.scenes import SceneStart
 
 log = logging.getLogger(__name__)
@@ -28,22 +29,25 @@ STABLE_CFL_FILE = Path(__file__).with_name("stable_cfl.json")
 def largest_speed(
     position: Float[np.ndarray, "particles 3"],
     velocity: Float[np.ndarray, "particles 3"],
-    gravity: tuple[float, float, float],
-    wall_distance: float,
+    settings: SimulationSettings,
 ) -> float:
-    """A bound of the speed before contact [m/s]: the fastest particle after the longest fall.
+    """A bound of the speed before contact [m/s]: the fastest particle after the longest fall, or that of a collider.
 
     position  [m], (particles, 3)
     velocity  [m/s], (particles, 3)
     """
-    start = float(np.linalg.norm(velocity, axis=1).max())
+    start, gravity = float(np.linalg.norm(velocity, axis=1).max()), settings.gravity
+    pushed = collider_speed(settings, position)
     strength = math.hypot(*gravity)
     if strength == 0.0:
-        return start
-    # a body falls until its foremost particle meets the first wall in the direction of gravity
-    to_wall = np.where(np.asarray(gravity) < 0.0, position - wall_distance, 1.0 - wall_distance - position)
+        return max(start, pushed)
+    # a body falls until its foremost particle meets the first wall in the direction of gravity, or a collider
+    low, high = settings.within(settings.wall_distance)
+    to_wall = np.where(np.asarray(gravity) < 0.0, position - low, high - position)
     along = [to_wall[:, axis].min() * strength / abs(g) for axis, g in enumerate(gravity) if g != 0.0]
-    return fall_speed(start, max(float(min(along)), 0.0), strength)
+    height = min(float(min(along)), fall_to_colliders(position, settings))
+    # what falls on nothing is not met at any speed
+    return max(fall_speed(start, max(height, 0.0), strength) if math.isfinite(height) else start, pushed)
 
 
 def stable_cfl(material: str, poissons_ratio: float) -> float:

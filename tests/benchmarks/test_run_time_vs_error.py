@@ -30,7 +30,7 @@ from benchmarks.free_motions import FreeMotion
 from benchmarks.orders import GridError, error_of_reference, order_of, orders_of
 from benchmarks.run_time_vs_error_report import pareto_front
 from benchmarks.sweep import PRESETS, automatic_of
-from benchmarks.timed_runs import PAPER, Resolution, timed_run
+from benchmarks.timed_runs import PAPER, PAPER_NODES, Resolution, timed_run
 from benchmarks.yardstick import Yardstick
 from pcnclaws.commands.composition import compose_config
 from pcnclaws.commands.configuration import settings_from, start_from
@@ -179,7 +179,7 @@ def test_frames_of_all_resolutions_are_of_the_same_times(nodes: int, factor: flo
         interval = scenario.duration / scenario.frames
         steps = resolution.steps_between(interval)
         assert steps * start.settings.time_step == pytest.approx(interval, rel=1e-12)
-        wanted = factor * PAPER.time_step * PAPER.grid_nodes / nodes
+        wanted = factor * PAPER.time_step * PAPER_NODES / nodes
         assert start.settings.time_step == pytest.approx(wanted, rel=0.1)
 
 
@@ -271,15 +271,15 @@ def test_wrong_options_are_one_line(argument: str, message: str, in_process: Any
 def test_a_preset_simulates_the_papers_scene_for_the_papers_time(name: str, entry: str) -> None:
     paper, config = compose_config(entry), compose_config(entry, [f"simulation={name}"])
     settings, resolution = settings_from(config), PRESETS[name]
-    assert settings == replace(PAPER, grid_nodes=settings.grid_nodes, time_step=settings.time_step)
+    assert settings == replace(PAPER, grid_spacing=settings.grid_spacing, time_step=settings.time_step)
     assert config.simulation.steps * settings.time_step == pytest.approx(paper.simulation.steps * PAPER.time_step)
     assert config.simulation.steps % config.simulation.every == 0
     # what the benchmark measures under the preset's name
-    assert settings.grid_nodes == resolution.grid_nodes
+    assert settings.grid_spacing == 1 / resolution.grid_nodes
     assert settings.time_step == pytest.approx(
-        resolution.time_factor * PAPER.time_step * PAPER.grid_nodes / settings.grid_nodes
+        resolution.time_factor * PAPER.time_step * PAPER_NODES * settings.grid_spacing
     )
-    assert config.scene.particles_per_edge == round(SIDE * settings.grid_nodes * resolution.per_cell)
+    assert config.scene.particles_per_edge == round(SIDE / settings.grid_spacing * resolution.per_cell)
 
 
 def test_options_of_a_preset_can_be_changed() -> None:
@@ -295,6 +295,6 @@ def test_the_automatic_time_step_is_measured_as_simulate_chooses_it(material: st
     options = tiny_options() | {"presets": True}
     (resolution,) = automatic_of(options, "drop", material)
     chosen = start_from(compose_config("simulate", [f"material={material}", "simulation.time_step=auto"])).settings
-    assert (resolution.grid_nodes, resolution.per_cell) == (chosen.grid_nodes, 1)
+    assert (resolution.grid_nodes, resolution.per_cell) == (round(1 / chosen.grid_spacing), 1)
     # particles on the faces, as simulate puts them, are half a spacing nearer to the floor
     assert resolution.time_factor * PAPER.time_step == pytest.approx(chosen.time_step, rel=0.01)

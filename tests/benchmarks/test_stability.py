@@ -57,7 +57,7 @@ def lone_particle(cfl: float, poissons_ratio: float, strain_rate: np.ndarray) ->
     """A particle alone on the grid, without gravity, that begins to strain at a rate relative to 1 / time step."""
     youngs_modulus, nodes = 1e5, 10
     time_step = cfl / nodes / compression_wave_speed(youngs_modulus, poissons_ratio, 1000.0)
-    settings = SimulationSettings(time_step, nodes, 0.0, (0.0, 0.0, 0.0))
+    settings = SimulationSettings(time_step, 1 / nodes, 0.0, (0.0, 0.0, 0.0))
     parameters = {"youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
     position, rest = np.array([[0.47, 0.52, 0.5]]), np.zeros((1, 3))
     affine = 1e-6 / time_step * strain_rate[None]
@@ -119,7 +119,7 @@ def test_a_change_of_the_unit_of_time_changes_nothing_but_the_step(material: str
 
     unit = (scaled.parameters["youngs_modulus"] / 1e5) ** 0.5
     settings = SimulationSettings(
-        unit * scaled.settings.time_step, scaled.settings.grid_nodes, scaled.settings.wall_distance
+        unit * scaled.settings.time_step, scaled.settings.grid_spacing, scaled.settings.wall_distance
     )
     stresses = {name: value / unit**2 for name, value in scaled.parameters.items() if name.endswith(("ulus", "stress"))}
     real = SceneStart(

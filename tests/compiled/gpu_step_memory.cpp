@@ -13,13 +13,15 @@ static Fields fields(std::vector<std::vector<T>>& of) {
 }
 
 int main() {
-    const int64_t n = 41, nodes = 10, scenes = 3, node_count = scenes * 13 * 13 * 13;
-    const std::vector<unsigned char> walls = {1, 1, 1, 1, 0, 0, 0, 0, 0, 2, 2, 2, 2};
+    const int64_t n = 41, scenes = 3, node_count = scenes * 13 * 13 * 13;
+    std::vector<unsigned char> walls;
+    for (int axis = 0; axis < 3; axis++)
+        for (unsigned char wall : {1, 1, 1, 1, 0, 0, 0, 0, 0, 2, 2, 2, 2}) walls.push_back(wall);
     std::vector<int64_t> scene(n);
     for (int64_t p = 0; p < n; p++) scene[p] = p < n / 2 ? 0 : 2;
     const auto mass = random_array<T>(n, 0.5, 1.5), volume = random_array<T>(n, 1e-4, 2e-4);
     const auto gravity = random_array<T>(3 * scenes, -9.0, 9.0);
-    const Settings settings{1e-4, nodes, 0, 0, walls.data()};
+    const Settings settings{1e-4, {0, 0, 0}, 10, {{-1, -1, -1}, {11, 11, 11}}, SEPARATE, 0, walls.data()};
     const Bodies<T> bodies{n, scenes, scene.data(), mass.data(), volume.data(), gravity.data()};
     std::vector<std::vector<T>> before = {stray_positions<T>(n), random_array<T>(3 * n, -1.0, 1.0),
                                           random_array<T>(9 * n, -1.0, 1.0), deformations<T>(n),
@@ -39,6 +41,6 @@ int main() {
         gather_gradient(settings, bodies, fields(before), {after[1].data(), after[2].data()}, fields(incoming),
                         moved.data(), node_gradients.data(), fields(gradient));
     });
-    each(n, [&] { find_failing(n, before[0].data(), before[3].data(), failed.get()); });
+    each(n, [&] { find_failing(n, Corners{{0, 0, 0}, {1, 1, 1}}, before[0].data(), before[3].data(), failed.get()); });
     std::puts("done");
 }

@@ -51,13 +51,16 @@ static void run_laws() {
 
 // Some scenes, one of them empty, with particles beside the walls, beyond them and nowhere.
 static void run_step(size_t n, bool window) {
-    const int64_t nodes = 10, scenes = 3;
-    const std::vector<unsigned char> walls = {1, 1, 1, 1, 0, 0, 0, 0, 0, 2, 2, 2, 2};
+    const int64_t scenes = 3;
+    std::vector<unsigned char> walls;
+    for (int axis = 0; axis < 3; axis++)
+        for (unsigned char wall : {1, 1, 1, 1, 0, 0, 0, 0, 0, 2, 2, 2, 2}) walls.push_back(wall);
     std::vector<int64_t> scene(n);
     for (size_t p = 0; p < n; p++) scene[p] = p < n / 2 ? 0 : 2;
     const auto mass = random_array<T>(n, 0.5, 1.5), volume = random_array<T>(n, 1e-4, 2e-4);
     const auto gravity = random_array<T>(3 * scenes, -9.0, 9.0);
-    const Settings settings{1e-4, nodes, 0, window, walls.data()};
+    const Box grid{{-1, -1, -1}, {11, 11, 11}};
+    const Settings settings{1e-4, {0, 0, 0}, 10, grid, SEPARATE, window, walls.data()};
     const Bodies<T> bodies{int64_t(n), scenes, scene.data(), mass.data(), volume.data(), gravity.data()};
     std::vector<std::vector<T>> before = {stray_positions<T>(n), random_array<T>(3 * n, -1.0, 1.0),
                                           random_array<T>(9 * n, -1.0, 1.0), deformations<T>(n),
@@ -80,8 +83,20 @@ static void run_step(size_t n, bool window) {
     const State<Rate<T>> moving = with_rates(before, rates);
     const Field<Rate<T>> moving_stress{before[4].data(), rates[4].data()};
     Step<Rate<T>>(settings, bodies, moving, moving_stress, 2).forward(with_rates(after, after_rates));
+    // the grid apart from the particles, for all scenes of the same nodes
+    std::vector<Quad<T>> nodes(scenes * grid.size());
+    std::vector<Quad<Rate<T>>> moving_nodes(nodes.size());
+    Step<T>(settings, bodies, state, stress, 2, true).to_grid(nodes.data());
+    Step<T>(settings, bodies, state, stress, 2, true).from_grid(nodes.data(), fields(after));
+    Step<T>(settings, bodies, state, stress, 2, true).to_node_velocities(fields(rates), nodes.data());
+    Step<T>(settings, bodies, state, stress, 2, true)
+        .gather_gradient(nodes.data(), nodes.data(), {after[1].data(), after[2].data()}, fields(rates),
+                         fields(gradient), {gradient[4].data()});
+    Step<Rate<T>>(settings, bodies, moving, moving_stress, 2, true).to_grid(moving_nodes.data());
+    Step<Rate<T>>(settings, bodies, moving, moving_stress, 2, true)
+        .from_grid(moving_nodes.data(), with_rates(after, after_rates));
     const std::unique_ptr<bool[]> failed(new bool[n]);
-    find_failing(int64_t(n), before[0].data(), before[3].data(), failed.get());
+    find_failing(int64_t(n), Corners{{0, 0, 0}, {1, 1, 1}}, before[0].data(), before[3].data(), failed.get());
 }
 
 int main() {

@@ -28,6 +28,7 @@ from pcnclaws.laws.elasticity import StVKHencky
 from pcnclaws.laws.materials import material_named
 from pcnclaws.laws.plasticity import DruckerPrager
 from pcnclaws.linalg3 import exp_symmetric, matmul
+from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.tensor_types import Matrices, Parameters
 
@@ -80,7 +81,7 @@ def test_networks_of_any_width(width: int) -> None:
 
 
 def test_sticking_walls() -> None:
-    simulator, batch = simulator_of("sand", "analytic", "stick"), moving_batch("sand")
+    simulator, batch = simulator_of("sand", "analytic", VERSION_1_STICK), moving_batch("sand")
     found = [*after_steps(simulator, batch), *gradients(simulator, batch), *rates(simulator, batch)]
     with using_backend("torch"):
         expected = [*after_steps(simulator, batch), *gradients(simulator, batch), *rates(simulator, batch)]

@@ -22,11 +22,13 @@ from pcnclaws.compiled import gpu
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.compiled.build import find_compiler
 from pcnclaws.compiled.isotropic_laws import isotropic_law
+from pcnclaws.compiled.structures import Corners
 from pcnclaws.laws.base import Law
 from pcnclaws.laws.elasticity import FixedCorotated, StVKHencky
+from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.mpm.integrator import MPMIntegrator
-from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.mpm.settings import UNIT_BOX, SimulationSettings
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="needs a C++ compiler")
 ON_GPU = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")]
@@ -76,20 +78,20 @@ def test_gradients_that_nobody_wants_change_no_other() -> None:
 
 @DEVICES
 @PRECISIONS
-@pytest.mark.parametrize("boundary", ["slip", "stick"])
+@pytest.mark.parametrize("boundary", ["separate", VERSION_1_STICK, "slip", "sticky"])
 def test_a_step_and_its_gradients(boundary: str, dtype: torch.dtype, tolerance: float, device: str) -> None:
     state, scenes, _ = in_dtype(moving_batch("sand", (40, 5, 20)), dtype)
-    integrator = MPMIntegrator(SimulationSettings(grid_nodes=10, boundary=boundary))
+    integrator = MPMIntegrator(SimulationSettings(grid_spacing=1 / 10, boundary=boundary))
     stress = 100.0 * uniform(seeded(1), 3, 3, state.position.shape[1]).to(dtype)
     inputs = [field.clone().requires_grad_() for field in (*state, stress)]
     after = integrator(type(state)(*inputs[:4]), inputs[4], scenes)
     incoming = tuple(uniform(seeded(2), *field.shape).to(dtype) for field in after)
     expected = [*after, *torch.autograd.grad(after, inputs, incoming)]
 
-    settings = integrator.kernel_settings
-    bodies = tuple(field.to(device) for field in scenes)
+    settings = integrator.kernel_settings(integrator.grid)
+    bodies = tuple(field.to(device) for field in scenes[:4])
     fields = tuple(field.detach().to(device) for field in inputs)
-    step = gpu.StepInput(settings.time_step, settings.nodes, settings.stick, settings.walls, bodies, fields)
+    step = gpu.StepInput(settings, bodies, fields)
     found, nodes = gpu.step_forward(step)
     gradients = gpu.step_adjoint(step, nodes, found[1], found[2], tuple(field.to(device) for field in incoming))
     assert largest_difference([field.cpu() for field in (*found, *gradients)], expected) < tolerance
@@ -119,7 +121,7 @@ def test_particles_that_have_gone_wrong(device: str) -> None:
     with using_backend("torch"):
         expected = failing_particles(state)
     assert expected.sum() == 3
-    found = gpu.failing(state.position.to(device), state.deformation.to(device))
+    found = gpu.failing(state.position.to(device), state.deformation.to(device), Corners.of(UNIT_BOX))
     assert torch.equal(found.cpu(), expected)
 
 

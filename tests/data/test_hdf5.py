@@ -59,7 +59,7 @@ def test_a_users_sparse_file_is_read(tmp_path: Path) -> None:
             del scene.attrs[name]
     record = read_scenes(path)[0]
     assert record.material == "my own rubber"
-    assert record.settings.grid_nodes == 20
+    assert record.settings.grid_spacing == 1 / 20
     assert not record.parameters
     assert np.isnan(record.position[1, 2]).all()
     assert record.position.dtype == np.float64, "as it is stored"

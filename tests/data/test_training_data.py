@@ -139,9 +139,9 @@ def test_unstressed_positions_are_those_of_the_discrete_free_fall(records: list[
 
 
 def test_scenes_of_different_settings_never_share_a_batch(records: list[SceneRecord]) -> None:
-    finer = replace(records[0], settings=replace(SETTINGS, grid_nodes=16))
+    finer = replace(records[0], settings=replace(SETTINGS, grid_spacing=1 / 16))
     dataset = SegmentDataset([*records, finer], SegmentPlan(40, 2, first=10, last=10))
-    assert [setting.grid_nodes for setting in dataset.settings] == [12, 16]
+    assert [setting.grid_spacing for setting in dataset.settings] == [1 / 12, 1 / 16]
     groups = {dataset[iteration].group for iteration in range(40)}
     assert groups == {0, 1}
 

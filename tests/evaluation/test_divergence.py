@@ -62,7 +62,7 @@ def test_a_divergence_that_does_not_come_back_is_told_all_the_same() -> None:
     state, scenes = two_scenes(small_body())
     steps = 0
 
-    def step(before: ParticleState) -> ParticleState:
+    def step(before: ParticleState, step: int = 0) -> ParticleState:
         nonlocal steps
         steps += 1
         beyond = before.position.clone()

@@ -70,7 +70,7 @@ def test_frames_between_steps_are_compared_with_the_line_between_the_steps() -> 
 
 
 def test_scenes_of_different_lengths_and_settings_are_evaluated_together(records: list[SceneRecord]) -> None:
-    fine = small_cube("fine", settings=SimulationSettings(grid_nodes=32))
+    fine = small_cube("fine", settings=SimulationSettings(grid_spacing=1 / 32))
     finer = recorded(fine, steps=12, every=3, keyframe_every=0)[0]
     mixed = [finer, frames(records[1], [0, 2, 5]), records[0]]
     done: list[int] = []

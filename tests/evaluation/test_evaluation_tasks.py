@@ -141,7 +141,7 @@ def test_scenes_that_are_not_there_and_tasks_without_them_are_refused() -> None:
 def test_the_resolution_is_finer_at_the_same_times() -> None:
     finer, standard = (builtin_task(name, MATERIALS["sand"]) for name in ("resolution", "unseen"))
     settings = finer.starts[0].settings
-    assert settings == SimulationSettings(time_step=2.5e-4, grid_nodes=32, wall_distance=0.1)
+    assert settings == SimulationSettings(time_step=2.5e-4, grid_spacing=1 / 32, wall_distance=0.1)
     assert len(finer.starts[0].position) == 16**3
     assert [start.name for start in finer.starts] == [start.name for start in standard.starts]
     for name in ("steps", "every", "keyframe_every"):

@@ -73,7 +73,7 @@ def test_particles_more_than_a_cell_apart_are_named_with_advice(in_process, capl
     (line,) = caplog.messages
     for word in ("scene 'cube'", "1.67 cells apart (0.0833 m)", "0.22 a cell", "at most 0.05 m", "better 0.025 m"):
         assert word in line
-    assert "simulation.grid_nodes=12)" in line
+    assert "simulation.grid_spacing=0.0833)" in line
     assert "216 particles, 0.22 a cell" in done.out
     caplog.clear()
     # of particles in files, too, whatever volume they claim

@@ -57,8 +57,8 @@ def test_an_unknown_material_is_answered_with_the_nearest_one() -> None:
     [
         ({"time_step": 0.0}, "simulation.time_step"),
         ({"time_step": float("nan")}, "simulation.time_step"),
-        ({"grid_nodes": 0}, "simulation.grid_nodes"),
-        ({"grid_nodes": 10**6}, "simulation.grid_nodes"),
+        ({"grid_spacing": 0.0}, "simulation.grid_spacing"),
+        ({"grid_spacing": 1e-7}, "simulation.grid_spacing"),
         ({"wall_distance": -0.1}, "simulation.wall_distance"),
         ({"wall_distance": 0.5}, "simulation.wall_distance"),
         ({"wall_distance": float("nan")}, "simulation.wall_distance"),

@@ -7,6 +7,7 @@ import torch
 from bodies import NO_GRAVITY, analytic_simulator, per_particle, seeded, uniform
 from torch import Tensor
 
+from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.simulator import Simulator
@@ -55,11 +56,11 @@ def stepped(simulator: Simulator, numbers: Numbers) -> Tensor:
     return torch.cat([field.flatten() for field in simulator(state, scenes, parameters)])
 
 
-def step_of(material: str, boundary: str = "slip") -> Simulator:
-    return analytic_simulator(material, SimulationSettings(0.01, 8, 0.25, NO_GRAVITY, boundary))
+def step_of(material: str, boundary: str = "separate") -> Simulator:
+    return analytic_simulator(material, SimulationSettings(0.01, 1 / 8, 0.25, NO_GRAVITY, boundary))
 
 
-def as_function_of(name: str, material: str, boundary: str = "slip") -> tuple[Callable[[Tensor], Tensor], Tensor]:
+def as_function_of(name: str, material: str, boundary: str = "separate") -> tuple[Callable[[Tensor], Tensor], Tensor]:
     """The step as a function of one of its inputs, and the input."""
     numbers, simulator = numbers_of_two_scenes(material), step_of(material, boundary)
     return lambda value: stepped(simulator, numbers | {name: value}), numbers[name]
@@ -78,7 +79,7 @@ def test_the_derivatives_of_a_step_are_those_of_finite_differences(material: str
 
 @pytest.mark.parametrize("name", ["position", "velocity", "deformation"])
 def test_the_derivatives_hold_at_stick_walls(name: str) -> None:
-    function, value = as_function_of(name, "elasticity", "stick")
+    function, value = as_function_of(name, "elasticity", VERSION_1_STICK)
     assert torch.autograd.gradcheck(function, value.requires_grad_(), eps=1e-6, atol=1e-7, rtol=1e-6)
 
 

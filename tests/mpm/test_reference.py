@@ -22,6 +22,7 @@ from bodies import (
 )
 
 from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
 from pcnclaws.simulation.rollout import simulate
@@ -44,7 +45,7 @@ MOTIONS = {
     "spinning": Motion((0.5, 0.5, 0.5), spin=(3.0, 10.0, -6.0), gravity=NO_GRAVITY),
     "two walls": Motion((0.24, 0.23, 0.5), velocity=(-2.0, -2.5, 0.7), spin=(0.0, 0.0, 4.0)),
 }
-GRIDS = list(product((20, 32), ("slip", "stick")))
+GRIDS = list(product((20, 32), ("separate", VERSION_1_STICK)))
 PARAMETERS = {
     "elasticity": {"youngs_modulus": 2e5, "poissons_ratio": 0.3},
     "plasticine": {"youngs_modulus": 3e5, "poissons_ratio": 0.25, "yield_stress": 3e3},
@@ -74,13 +75,17 @@ def reference_run(
     position, velocity, affine, deformation = (np.moveaxis(field.numpy(), -1, 0).copy() for field in state)
     body = reference.Body(position, velocity, affine, deformation, settings.density * volume.numpy(), volume.numpy())
     same = reference.Settings(
-        settings.time_step, settings.grid_nodes, settings.wall_distance, settings.gravity, settings.boundary
+        settings.time_step,
+        round(1 / settings.grid_spacing),
+        settings.wall_distance,
+        settings.gravity,
+        settings.boundary,
     )
     return reference.simulate(body, material, PARAMETERS[material], same, STEPS).position
 
 
 def assert_same_motion(material: str, motion: Motion, grid_nodes: int, boundary: str) -> None:
-    settings = SimulationSettings(5e-4, grid_nodes, 0.1, motion.gravity, boundary)
+    settings = SimulationSettings(5e-4, 1 / grid_nodes, 0.1, motion.gravity, boundary)
     state, volume = irregular_body(motion)
     scenes = one_scene(PARTICLES, 1.0, gravity=motion.gravity)._replace(mass=settings.density * volume, volume=volume)
     step = analytic_simulator(material, settings).step_function(scenes, per_particle(PARAMETERS[material], PARTICLES))

@@ -6,7 +6,9 @@ from bodies import seeded, uniform
 from torch import Tensor
 
 from pcnclaws.mpm.boundaries import apply_walls, wall_nodes
-from pcnclaws.mpm.grid import Grid
+from pcnclaws.mpm.contact import VERSION_1_STICK
+from pcnclaws.mpm.grid import grid_of
+from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.shape_functions import Stencil, quadratic_stencil
 
 
@@ -21,12 +23,13 @@ def difficult_positions(nodes: int) -> Tensor:
 
 def stencil_at(position: Tensor, nodes: int) -> tuple[Stencil, Tensor]:
     """The stencil of one scene and the coordinates of its nodes, (3, 27, particles)."""
-    grid = Grid(nodes)
+    grid = grid_of(SimulationSettings(grid_spacing=1 / nodes))
     scene = torch.zeros(position.shape[1], dtype=torch.int64)
     stencil = quadratic_stencil(position, scene, grid, grid.stencil_offsets())
-    coordinates = grid.coordinates()
+    coordinates = grid.axis(0)
     node = stencil.node
-    where = (node // grid.edge**2, node // grid.edge % grid.edge, node % grid.edge)
+    edge = grid.edges[0]
+    where = (node // edge**2, node // edge % edge, node % edge)
     return stencil, torch.stack([coordinates[index] for index in where])
 
 
@@ -60,7 +63,7 @@ def test_weights_reproduce_linear_fields_in_single_precision() -> None:
 
 
 def test_every_position_of_the_domain_has_all_its_nodes_inside_the_grid_of_its_scene() -> None:
-    grid = Grid(20)
+    grid = grid_of(SimulationSettings())
     corners = torch.cartesian_prod(*[torch.tensor([0.0, 1.0]).double()] * 3).T
     scene = torch.arange(8)
     node = quadratic_stencil(corners, scene, grid, grid.stencil_offsets()).node
@@ -68,7 +71,7 @@ def test_every_position_of_the_domain_has_all_its_nodes_inside_the_grid_of_its_s
 
 
 def test_a_particle_outside_the_domain_touches_no_memory_of_others() -> None:
-    grid = Grid(20)
+    grid = grid_of(SimulationSettings())
     lost = torch.tensor([[-50.0, 3.0, float("nan"), float("inf")]] * 3).double()
     node = quadratic_stencil(lost, torch.zeros(4, dtype=torch.int64), grid, grid.stencil_offsets()).node
     assert ((node >= 0) & (node < grid.size)).all()
@@ -81,37 +84,45 @@ def test_a_particle_outside_the_domain_touches_no_memory_of_others() -> None:
 def test_walls_act_on_the_nodes_at_most_their_distance_from_a_side(
     nodes: int, wall_distance: float, layers: int
 ) -> None:
-    grid = Grid(nodes)
-    walls = wall_nodes(grid, wall_distance).unflatten(2, (grid.edge,) * 3)
+    settings = SimulationSettings(grid_spacing=1 / nodes, wall_distance=wall_distance)
+    grid = grid_of(settings)
+    walls = wall_nodes(grid, settings).unflatten(2, grid.edges)
     low, high = walls[0, 1, 5], walls[1, 1, 5]  # the walls of the y axis, seen in a plane
-    index = torch.arange(grid.edge) - 1  # number of the node from the low side
+    index = torch.arange(grid.edges[1]) - 1  # number of the node from the low side
     assert torch.equal(low, (index <= layers)[:, None].expand_as(low))
     assert torch.equal(high, (index >= nodes - layers)[:, None].expand_as(high))
 
 
 def velocity_after(boundary: str, at: tuple[int, int, int], velocity: tuple[float, float, float]) -> list[float]:
     """What the walls of a 20-node box leave of the velocity at a node."""
-    grid = Grid(20)
-    field = torch.zeros(3, 1, grid.edge, grid.edge, grid.edge)
+    grid = grid_of(SimulationSettings())
+    field = torch.zeros(3, 1, *grid.edges)
     where = (slice(None), 0, at[0] + 1, at[1] + 1, at[2] + 1)
     field[where] = torch.tensor(velocity)
-    walls = wall_nodes(grid, 0.1)
-    return apply_walls(field.flatten(2), walls, boundary).unflatten(2, (grid.edge,) * 3)[where].tolist()
+    walls = wall_nodes(grid, SimulationSettings())
+    return apply_walls(field.flatten(2), walls, boundary).unflatten(2, grid.edges)[where].tolist()
 
 
-def test_slip_removes_only_what_points_into_the_wall() -> None:
-    assert velocity_after("slip", (10, 2, 10), (1.0, -2.0, 3.0)) == [1.0, 0.0, 3.0]
-    assert velocity_after("slip", (10, 18, 10), (1.0, 2.0, 3.0)) == [1.0, 0.0, 3.0]
-    assert velocity_after("slip", (1, 0, 20), (-1.0, -2.0, 3.0)) == [0.0, 0.0, 0.0]
-    assert velocity_after("slip", (1, 0, 20), (-1.0, -2.0, -3.0)) == [0.0, 0.0, -3.0]
+def test_separate_removes_only_what_points_into_the_wall() -> None:
+    assert velocity_after("separate", (10, 2, 10), (1.0, -2.0, 3.0)) == [1.0, 0.0, 3.0]
+    assert velocity_after("separate", (10, 18, 10), (1.0, 2.0, 3.0)) == [1.0, 0.0, 3.0]
+    assert velocity_after("separate", (1, 0, 20), (-1.0, -2.0, 3.0)) == [0.0, 0.0, 0.0]
+    assert velocity_after("separate", (1, 0, 20), (-1.0, -2.0, -3.0)) == [0.0, 0.0, -3.0]
 
 
-def test_stick_removes_all_of_a_velocity_that_points_into_a_wall() -> None:
-    assert velocity_after("stick", (10, 2, 10), (1.0, -2.0, 3.0)) == [0.0, 0.0, 0.0]
-    assert velocity_after("stick", (1, 2, 10), (1.0, -2.0, 3.0)) == [0.0, 0.0, 0.0]
+def test_stick_of_version_1_removes_all_of_a_velocity_that_points_into_a_wall() -> None:
+    assert velocity_after(VERSION_1_STICK, (10, 2, 10), (1.0, -2.0, 3.0)) == [0.0, 0.0, 0.0]
+    assert velocity_after(VERSION_1_STICK, (1, 2, 10), (1.0, -2.0, 3.0)) == [0.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize("boundary", ["slip", "stick"])
+def test_slip_removes_the_normal_component_both_ways_and_sticky_all() -> None:
+    for up in (-2.0, 2.0):
+        assert velocity_after("slip", (10, 2, 10), (1.0, up, 3.0)) == [1.0, 0.0, 3.0]
+        assert velocity_after("sticky", (10, 2, 10), (1.0, up, 3.0)) == [0.0, 0.0, 0.0]
+    assert velocity_after("sticky", (10, 3, 10), (1.0, -2.0, 3.0)) == [1.0, -2.0, 3.0]
+
+
+@pytest.mark.parametrize("boundary", ["separate", VERSION_1_STICK])
 def test_walls_let_go_freely(boundary: str) -> None:
     assert velocity_after(boundary, (10, 2, 10), (1.0, 2.0, 3.0)) == [1.0, 2.0, 3.0]
     assert velocity_after(boundary, (2, 2, 18), (1.0, 2.0, -3.0)) == [1.0, 2.0, -3.0]

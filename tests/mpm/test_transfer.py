@@ -15,7 +15,7 @@ from moving_body import PARTICLES, moving_body, stress_free
 
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.diagnostics import angular_momentum, linear_momentum
-from pcnclaws.mpm.grid import Grid
+from pcnclaws.mpm.grid import grid_of
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.shape_functions import quadratic_stencil
@@ -28,7 +28,7 @@ WEIGHTLESS = SimulationSettings(gravity=NO_GRAVITY)
 
 def test_transfers_to_the_grid_conserve_mass_and_momentum() -> None:
     state, scenes = moving_body()
-    grid = Grid(20)
+    grid = grid_of(WEIGHTLESS)
     stencil = quadratic_stencil(state.position, scenes.scene_index, grid, grid.stencil_offsets())
     nodes = particles_to_grid(
         stencil, scenes.mass, scenes.mass * state.velocity, 1e3 * state.affine, grid.spacing, grid.size
@@ -39,9 +39,9 @@ def test_transfers_to_the_grid_conserve_mass_and_momentum() -> None:
 
 def test_transfers_back_reproduce_a_linear_velocity_field() -> None:
     state, scenes = moving_body()
-    grid, gradient = Grid(20), uniform(seeded(1), 3, 3)
+    grid, gradient = grid_of(WEIGHTLESS), uniform(seeded(1), 3, 3)
     stencil = quadratic_stencil(state.position, scenes.scene_index, grid, grid.stencil_offsets())
-    axis = grid.coordinates()
+    axis = grid.axis(0)
     points = torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij")).flatten(1)
     velocity, affine = grid_to_particles(stencil, gradient @ points, grid.spacing)
     torch.testing.assert_close(velocity, gradient @ state.position, rtol=0, atol=1e-14)

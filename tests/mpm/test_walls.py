@@ -12,6 +12,7 @@ from pcnclaws.commands.configuration import settings_from
 from pcnclaws.errors import ParticleEscaped, SimulationDiverged, UserError
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.mpm.diagnostics import why_failing
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
@@ -38,17 +39,17 @@ def lowest_of_what_is_pressed_into_a_corner(material: str, settings: SimulationS
     return float(record.position.min())
 
 
-@pytest.mark.parametrize("boundary", ["slip", "stick"])
+@pytest.mark.parametrize("boundary", ["separate", VERSION_1_STICK])
 @pytest.mark.parametrize("material", list(PARAMETERS))
 def test_a_wall_layer_of_one_cell_holds(material: str, boundary: str) -> None:
-    settings = SimulationSettings(5e-4, 10, 0.1, (-15.0, -40.0, -10.0), boundary)
+    settings = SimulationSettings(5e-4, 1 / 10, 0.1, (-15.0, -40.0, -10.0), boundary)
     settings.require_walls_that_hold()
     depth = 0.1 - lowest_of_what_is_pressed_into_a_corner(material, settings)
     assert depth < 0.5 * settings.grid_spacing
 
 
 def test_what_is_pressed_through_a_thinner_one_is_told_so() -> None:
-    settings = SimulationSettings(5e-4, 10, 0.0, (-15.0, -40.0, -10.0))
+    settings = SimulationSettings(5e-4, 1 / 10, 0.0, (-15.0, -40.0, -10.0))
     with pytest.raises(ParticleEscaped, match=r"left the domain") as escape:
         lowest_of_what_is_pressed_into_a_corner("sand", settings)
     advice = Stability(settings, SAND, 5.0, "sand").advice(escape.value)
@@ -67,9 +68,9 @@ def test_a_thinner_one_is_refused_with_the_thinnest_that_holds(distance: str) ->
 @pytest.mark.parametrize("nodes", [7, 12, 30, 49, 256])
 def test_the_thinnest_one_that_is_named_is_accepted(nodes: int) -> None:
     with pytest.raises(UserError) as refusal:
-        SimulationSettings(grid_nodes=nodes, wall_distance=0.0).require_walls_that_hold()
+        SimulationSettings(grid_spacing=1 / nodes, wall_distance=0.0).require_walls_that_hold()
     named = float(str(refusal.value).partition("accepted: ")[2].partition(",")[0])
-    SimulationSettings(grid_nodes=nodes, wall_distance=named).require_walls_that_hold()
+    SimulationSettings(grid_spacing=1 / nodes, wall_distance=named).require_walls_that_hold()
 
 
 def test_other_divergences_speak_of_the_time_step() -> None:

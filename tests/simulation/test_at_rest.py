@@ -10,12 +10,13 @@ import torch
 from bodies import EARTH, NO_GRAVITY, one_scene
 from falling_bodies import ON, PARTICLES, SIDE, analytic, batch, body, run
 
+from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.at_rest import SLOW, TOLERANCE, WINDOW, RestWatch
 from pcnclaws.simulation.recording import FramePlan
 
-SETTINGS = SimulationSettings(time_step=5e-4, grid_nodes=8, boundary="stick")
+SETTINGS = SimulationSettings(time_step=5e-4, grid_spacing=1 / 8, boundary=VERSION_1_STICK)
 STEPS = 2000
 ALWAYS = replace(ON, rest=False)
 
@@ -116,7 +117,7 @@ def test_a_vibration_of_any_period_stays_within_the_promise(period: float) -> No
 
 @pytest.mark.parametrize(("stiffness", "seconds"), [(10.0, 6.0), (100.0, 3.0)])
 def test_a_soft_body_without_weight_goes_on_beyond_its_turning_points(stiffness: float, seconds: float) -> None:
-    settings = SimulationSettings(1e-2, 12, gravity=NO_GRAVITY)
+    settings = SimulationSettings(1e-2, 1 / 12, gravity=NO_GRAVITY)
     bodies = batch(body((0.5, 0.5, 0.5), NO_GRAVITY), gravity=[NO_GRAVITY])
     bodies.parameters["youngs_modulus"][:] = stiffness
     bodies.parameters["poissons_ratio"][:] = 0.0

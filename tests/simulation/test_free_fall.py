@@ -29,6 +29,7 @@ from pcnclaws.laws.base import Elasticity, Plasticity
 from pcnclaws.laws.elasticity import FixedCorotated
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.linalg3 import identity_like
+from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.mpm.state import ParticleState
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.free_fall import free_steps
@@ -70,7 +71,7 @@ def test_single_precision_differs_by_its_rounding() -> None:
     torch.testing.assert_close(skipped.position, full.position, atol=3e-6, rtol=0)
 
 
-@pytest.mark.parametrize("boundary", ["slip", "stick"])
+@pytest.mark.parametrize("boundary", ["separate", VERSION_1_STICK, "slip", "sticky"])
 @pytest.mark.parametrize("side", [(axis, sign) for axis in range(3) for sign in (-1.0, 1.0)])
 def test_contact_with_any_wall_ends_the_free_fall(side: tuple[int, float], boundary: str) -> None:
     axis, sign = side

@@ -53,7 +53,7 @@ def test_a_falling_body_shows_nothing_before_it_feels_a_wall(falls: list[SceneRe
     for fall in landing:
         contact = free_flight(fall)
         lowest = fall.position[0, :, 1].min() - 1.5e-3 * np.arange(STEPS) - 4.9e-6 * np.arange(STEPS) ** 2
-        reached = int(np.argmax(lowest < SETTINGS.wall_distance + 1.5 / SETTINGS.grid_nodes))
+        reached = int(np.argmax(lowest < SETTINGS.wall_distance + 1.5 * SETTINGS.grid_spacing))
         assert contact is not None
         # the first cell of its stencil meets the floor with hardly any weight
         assert reached <= contact <= reached + 15
@@ -96,7 +96,7 @@ def test_scenes_are_drawn_from_the_step_on_that_ends_their_free_flight(falls: li
 
 
 def test_scenes_of_other_settings_are_drawn_when_they_show_something(falls: list[SceneRecord]) -> None:
-    finer = replace(falls[2], settings=replace(SETTINGS, grid_nodes=16))
+    finer = replace(falls[2], settings=replace(SETTINGS, grid_spacing=1 / 16))
     dataset = SegmentDataset([falls[0], finer], SegmentPlan(20, 2, "initial", first=100, last=STEPS))
     assert {dataset[iteration].group for iteration in range(20)} == {0}
 

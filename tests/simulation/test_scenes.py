@@ -54,7 +54,7 @@ def test_a_recorded_full_state_starts_with_its_deformation() -> None:
 
 
 def test_scenes_that_cannot_share_a_batch_are_grouped() -> None:
-    fine = _start("fine", replace(SETTINGS, grid_nodes=32))
+    fine = _start("fine", replace(SETTINGS, grid_spacing=1 / 32))
     starts = [_start("a"), fine, _start("b", replace(SETTINGS, density=1.0))]
     assert [[start.name for start in group] for group in group_by_settings(starts)] == [["a", "b"], ["fine"]]
     with pytest.raises(ValueError, match="same settings"):
@@ -63,7 +63,7 @@ def test_scenes_that_cannot_share_a_batch_are_grouped() -> None:
 
 def test_scenes_of_different_settings_come_back_in_order_and_equal_to_separate_runs() -> None:
     laws = analytic_laws(material_named("sand"))
-    starts = [_start("a"), _start("fine", replace(SETTINGS, grid_nodes=32)), _start("b", youngs_modulus=2e5)]
+    starts = [_start("a"), _start("fine", replace(SETTINGS, grid_spacing=1 / 32)), _start("b", youngs_modulus=2e5)]
     together = simulate_records(starts, laws, FramePlan(20, 5, 10), Execution(torch.float64))
     assert [record.name for record in together] == ["a", "fine", "b"]
     for start, record in zip(starts, together, strict=True):

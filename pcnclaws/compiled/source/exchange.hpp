@@ -5,13 +5,8 @@
 
 namespace pcnclaws {
 
-struct Settings {
-    double time_step;
-    int64_t nodes;               // cells along an edge of the domain
-    int64_t stick;               // 1 for sticking walls, 0 for slipping ones
-    int64_t window;              // 1 for the touched window of the grid, 0 for the whole grid
-    const unsigned char* walls;  // of the nodes -1 .. nodes + 1 of an axis: bit 0 low wall, bit 1 high wall
-};
+// Contacts of walls, in the order of WALL_CONTACTS in pcnclaws/mpm/integrator.py.
+enum Contact { SEPARATE, VERSION_1_STICK, SLIP, STICKY };
 
 template <class S> struct State {
     Field<S> position, velocity, affine, deformation;
@@ -33,7 +28,7 @@ template <class S> class Exchange {
     typedef typename Plain<S>::type T;
 
     Exchange(const Settings& settings, const Bodies<T>& bodies, const State<S>& before, const Field<S>& stress)
-        : settings(settings), bodies(bodies), before(before), stress(stress), spacing(T(1) / T(settings.nodes)) {}
+        : settings(settings), bodies(bodies), before(before), stress(stress), spacing(T(1) / T(settings.per_metre)) {}
 
     // Momentum at a node of the stencil is q + i A_x + j A_y + k A_z: four vectors, the last component of the first the
     // mass.
@@ -191,11 +186,12 @@ template <class S> class Exchange {
     // Which components of the velocity a node loses: bit k for component k.
     int lost(const Quad<S>& velocity, const int walls[3]) const {
         int into = 0;
+        const bool always = settings.contact == SLIP || settings.contact == STICKY;
         for (int k = 0; k < 3; k++) {
             const T v = value_of(component(velocity, k));
-            if ((walls[k] & 1 && v < 0) || (walls[k] & 2 && v > 0)) into |= 1 << k;
+            if ((walls[k] & 1 && (always || v < 0)) || (walls[k] & 2 && (always || v > 0))) into |= 1 << k;
         }
-        return settings.stick && into ? 7 : into;
+        return into && (settings.contact == VERSION_1_STICK || settings.contact == STICKY) ? 7 : into;
     }
 
     // Gradients at the particle's velocity and affine velocity, the uses of them in x and F included.

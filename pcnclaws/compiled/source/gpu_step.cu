@@ -14,11 +14,6 @@ struct Fields {
 
 namespace {
 
-Box whole_grid(const Settings& settings) {
-    const int last = int(settings.nodes) + 1;
-    return {{-1, -1, -1}, {last, last, last}};
-}
-
 // Where the nodes of a particle's scene begin.
 int64_t first_node(const Bodies<T>& bodies, int64_t p, const Box& box) {
     const int64_t scene = bodies.scene[p];
@@ -34,23 +29,24 @@ void with_particle(const Settings& settings, const Bodies<T>& bodies, const Fiel
     const State<T> state = before.state();
     const Field<T> stress{before.stress};
     const Exchange<T> exchange(settings, bodies, state, stress);
-    const Box box = whole_grid(settings);
+    const Box box = settings.grid;
     Stencils<T> stencils;
-    stencils.find(state.position, bodies.particles, p, 1, T(settings.nodes));
+    stencils.find(settings, state.position, bodies.particles, p, 1);
     visit(exchange, stencils, p, box, first_node(bodies, p, box));
 }
 
 // Runs visit(exchange, node, walls at it, what falling adds to its velocity).
 template <class Visit> void with_node(const Settings& settings, const Bodies<T>& bodies, Visit visit) {
-    const Box box = whole_grid(settings);
+    const Box box = settings.grid;
     const int64_t node = thread_number(), size = int64_t(box.size());
     if (node >= bodies.scenes * size) return;
     const State<T> none{};
     const Field<T> no_stress{};
     const Exchange<T> exchange(settings, bodies, none, no_stress);
-    const int edge = box.edge(0), within = int(node % size);
-    const int walls[3] = {settings.walls[within / (edge * edge)], settings.walls[within / edge % edge],
-                          settings.walls[within % edge]};
+    const int64_t within = node % size, rows = within / box.edge(2);
+    int walls[3];
+    settings.walls_at(box.low[0] + int(rows / box.edge(1)), box.low[1] + int(rows % box.edge(1)),
+                      box.low[2] + int(within % box.edge(2)), walls);
     visit(exchange, node, walls, exchange.fall_of(node / size));
 }
 
@@ -103,7 +99,7 @@ KERNEL(gather_gradient)
     });
 }
 
-KERNEL(find_failing)(int64_t particles, const T* position, const T* deformation, bool* failed) {
+KERNEL(find_failing)(int64_t particles, Corners domain, const T* position, const T* deformation, bool* failed) {
     const int64_t p = thread_number();
-    if (p < particles) failed[p] = fails(particles, position, deformation, p);
+    if (p < particles) failed[p] = fails(particles, domain, position, deformation, p);
 }

@@ -38,11 +38,12 @@ template <class S> struct SceneGrids {
     std::vector<std::pair<int64_t, int>> slabs;         // (scene, x)
     size_t task_nodes = 0, scene_nodes = 0;
 
-    SceneGrids(const Settings& settings, const Bodies<T>& bodies, const Field<S>& position, int threads) {
+    // shared: every scene has the whole grid of the settings, its tasks their windows
+    SceneGrids(const Settings& settings, const Bodies<T>& bodies, const Field<S>& position, int threads, bool shared) {
         cut(bodies);
         parallel_for(int64_t(fine.size()), threads,
                      [&](int64_t k) { fine[k].box = box_of(settings, bodies, position, fine[k]); });
-        for (int64_t scene = 0; scene < bodies.scenes; scene++) place(scene);
+        for (int64_t scene = 0; scene < bodies.scenes; scene++) place(scene, shared ? &settings.grid : nullptr);
     }
 
   private:
@@ -93,7 +94,7 @@ template <class S> struct SceneGrids {
         parts_of.push_back({begin, int64_t(parts.size())});
     }
 
-    void place(int64_t scene) {
+    void place(int64_t scene, const Box* whole) {
         join_parts(scene);
         Box box = empty_box();
         for (int64_t k = parts_of[scene].first; k < parts_of[scene].second; k++) {
@@ -101,29 +102,30 @@ template <class S> struct SceneGrids {
             parts[k].memory = task_nodes;
             task_nodes += parts[k].box.size();
         }
+        if (whole) box = *whole;
         boxes.push_back(box);
         node_memory.push_back(scene_nodes);
-        if (parts_of[scene].first == parts_of[scene].second) return;
+        if (parts_of[scene].first == parts_of[scene].second && !whole) return;
         scene_nodes += box.size();
         for (int x = box.low[0]; x <= box.high[0]; x++) slabs.push_back({scene, x});
     }
 
     static Box box_of(const Settings& settings, const Bodies<T>& bodies, const Field<S>& position, const Part& part) {
-        const int last = int(settings.nodes) + 1;
-        if (!settings.window) return {{-1, -1, -1}, {last, last, last}};
+        if (!settings.window) return settings.grid;
         Box box = empty_box();
         for (int axis = 0; axis < 3; axis++) {
             T low = std::numeric_limits<T>::max(), high = std::numeric_limits<T>::lowest();
             bool known = true;
+            const T origin = T(settings.origin[axis]), scale = T(settings.per_metre);
+            const T first = T(settings.grid.low[axis] + 1), last = T(settings.grid.high[axis] - 1);
             for (int64_t p = part.first; p < part.last; p++) {
                 const T x = value_of(position.get(axis * bodies.particles + p));
                 low = x < low ? x : low;
                 high = x > high ? x : high;
                 known &= x == x;
             }
-            const T scale = T(settings.nodes);
-            box.low[axis] = (known ? middle_node(low * scale, scale) : 0) - 1;
-            box.high[axis] = middle_node(high * scale, scale) + 1;
+            box.low[axis] = (known ? middle_node((low - origin) * scale, first, last) : int(first)) - 1;
+            box.high[axis] = middle_node((high - origin) * scale, first, last) + 1;
             if (box.high[axis] < box.low[axis] + 2) box.high[axis] = box.low[axis] + 2;
         }
         return box;

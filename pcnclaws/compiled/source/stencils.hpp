@@ -34,11 +34,30 @@ inline void join(Box& box, const Box& other) {
     }
 }
 
+struct Settings {
+    double time_step;
+    double origin[3];            // place of node 0
+    double per_metre;            // cells in a metre
+    Box grid;                    // the nodes that there are
+    int64_t contact;             // of walls: SEPARATE, ...
+    int64_t window;              // 1 for the touched window of the grid, 0 for the whole grid
+    const unsigned char* walls;  // of the nodes of the grid along each axis: bit 0 low wall, bit 1 high wall; or null
+
+    void walls_at(int x, int y, int z, int at[3]) const {
+        at[0] = at[1] = at[2] = 0;
+        if (!walls) return;
+        const unsigned char *of_y = walls + grid.edge(0), *of_z = of_y + grid.edge(1);
+        at[0] = walls[x - grid.low[0]];
+        at[1] = of_y[y - grid.low[1]];
+        at[2] = of_z[z - grid.low[2]];
+    }
+};
+
 // The middle node of a particle's stencil. A diverged particle, which the rollout reports, borrows the nearest one.
-template <class T> int middle_node(T scaled, T nodes) {
+template <class T> int middle_node(T scaled, T first, T last) {
     T node = std::floor(scaled + T(0.5));
-    node = node > T(0) ? node : T(0);  // also where it is not a number
-    return int(node < nodes ? node : nodes);
+    node = node > first ? node : first;  // also where it is not a number
+    return int(node < last ? node : last);
 }
 
 // Weights and values of LANE particles: what stays the same for all nodes of a stencil.
@@ -48,11 +67,16 @@ template <class S> struct Stencils {
     S weight[3][3][LANE], slope[3][3][LANE];  // B-spline weights by axis and node, and their derivatives
     S from_middle[3][LANE];                   // d, in units of dx
 
-    void find(const Field<S>& position, int64_t particles, int64_t first, int count, T nodes) {
-        for (int axis = 0; axis < 3; axis++)
+    void find(const Settings& settings, const Field<S>& position, int64_t particles, int64_t first, int count) {
+        const T per_metre = T(settings.per_metre);
+        for (int axis = 0; axis < 3; axis++) {
+            const T origin = T(settings.origin[axis]);
+            const T low = T(settings.grid.low[axis] + 1), high = T(settings.grid.high[axis] - 1);
             for (int l = 0; l < count; l++) {
-                const S scaled_position = scaled(nodes, position.get(axis * particles + first + l));
-                middle[axis][l] = middle_node(value_of(scaled_position), nodes);
+                S from_origin = position.get(axis * particles + first + l);
+                subtract(from_origin, origin);
+                const S scaled_position = scaled(per_metre, from_origin);
+                middle[axis][l] = middle_node(value_of(scaled_position), low, high);
                 S d = scaled_position;
                 subtract(d, T(middle[axis][l]));
                 from_middle[axis][l] = d;
@@ -69,6 +93,7 @@ template <class S> struct Stencils {
                 slope[axis][1][l] = scaled(T(-2), d);
                 slope[axis][2][l] = upper;
             }
+        }
     }
     // a - by
     static void subtract(T& a, T by) { a -= by; }

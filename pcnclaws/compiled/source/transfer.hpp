@@ -9,16 +9,14 @@ template <class S> class Step {
   public:
     typedef typename Plain<S>::type T;
 
-    Step(const Settings& settings, const Bodies<T>& bodies, const State<S>& before, const Field<S>& stress, int threads)
+    Step(const Settings& settings, const Bodies<T>& bodies, const State<S>& before, const Field<S>& stress, int threads,
+         bool shared = false)
         : settings(settings),
           bodies(bodies),
           before(before),
           threads(threads),
           exchange(settings, bodies, before, stress),
-          grids(settings, bodies, before.position, threads) {
-        nodes.resize(grids.scene_nodes);
-        moved.resize(grids.scene_nodes);
-    }
+          grids(settings, bodies, before.position, threads, shared) {}
 
     ~Step() {
         for (int which = 0; which < 4; which++)
@@ -26,18 +24,47 @@ template <class S> class Step {
     }
 
     void forward(const State<S>& after) {
-        scatter_state();
-        each_part([&](const Part& part) { gather_state(part, after); });
+        move();
+        each_part([&](const Part& part) { gather_state(part, moved.data(), after); });
     }
 
     // gradients of the state before and of the stress from those of the state after; for S = T
     void adjoint(const Moved<T>& after, const State<S>& incoming, const State<S>& gradient,
                  const Field<S>& stress_gradient) {
-        scatter_state();
-        each_part([&](const Part& part) { scatter_gradient(part, incoming); });
+        move();
         node_gradient.resize(nodes.size());
-        each_slab([&](int64_t scene, int x) { adjoint_nodes(scene, x); });
-        each_part([&](const Part& part) { gather_gradient(part, after, incoming, gradient, stress_gradient); });
+        scatter_gradient(incoming);
+        each_slab([&](int64_t scene, int x) {
+            sum_tasks(scene, x, node_gradient.data());
+            adjoint_nodes(scene, x);
+        });
+        gather_gradient(moved.data(), node_gradient.data(), after, incoming, gradient, stress_gradient);
+    }
+
+    // What follows is a step whose work on the grid is done by others, between the two: all scenes have the same nodes.
+
+    // momentum and mass of all nodes
+    void to_grid(Quad<S>* out) {
+        scatter_state();
+        each_slab([&](int64_t scene, int x) { sum_tasks(scene, x, out); });
+    }
+
+    void from_grid(const Quad<S>* velocities, const State<S>& after) {
+        each_part([&](const Part& part) { gather_state(part, velocities, after); });
+    }
+
+    // gradients at the velocities of the nodes, for S = T
+    void to_node_velocities(const State<S>& incoming, Quad<S>* out) {
+        scatter_gradient(incoming);
+        each_slab([&](int64_t scene, int x) { sum_tasks(scene, x, out); });
+    }
+
+    // gradients of the state before and of the stress from those at momentum and mass of the nodes, for S = T
+    void gather_gradient(const Quad<S>* velocities, const Quad<S>* gradients, const Moved<T>& after,
+                         const State<S>& incoming, const State<S>& gradient, const Field<S>& stress_gradient) {
+        each_part([&](const Part& part) {
+            gather_gradient(part, velocities, gradients, after, incoming, gradient, stress_gradient);
+        });
     }
 
   private:
@@ -71,7 +98,7 @@ template <class S> class Step {
         Stencils<S> stencils;
         for (int64_t first = part.first; first < part.last; first += LANE) {
             const int count = int(std::min<int64_t>(LANE, part.last - first));
-            stencils.find(before.position, bodies.particles, first, count, T(settings.nodes));
+            stencils.find(settings, before.position, bodies.particles, first, count);
             visit(stencils, first, count);
         }
     }
@@ -87,6 +114,12 @@ template <class S> class Step {
                 for (int l = 0; l < count; l++) scatter(stencils, l, vectors[l], part.box, memory);
             });
         });
+    }
+
+    void move() {
+        nodes.resize(grids.scene_nodes);
+        moved.resize(grids.scene_nodes);
+        scatter_state();
         each_slab([&](int64_t scene, int x) {
             sum_tasks(scene, x, nodes.data());
             move_nodes(scene, x);
@@ -114,7 +147,8 @@ template <class S> class Step {
         size_t at = grids.node_memory[scene] + box.index(x, box.low[1], box.low[2]);
         for (int y = box.low[1]; y <= box.high[1]; y++)
             for (int z = box.low[2]; z <= box.high[2]; z++, at++) {
-                const int walls[3] = {settings.walls[x + 1], settings.walls[y + 1], settings.walls[z + 1]};
+                int walls[3];
+                settings.walls_at(x, y, z, walls);
                 visit(at, walls);
             }
     }
@@ -126,12 +160,17 @@ template <class S> class Step {
         });
     }
 
-    void gather_state(const Part& part, const State<S>& after) const {
+    void gather_state(const Part& part, const Quad<S>* velocities, const State<S>& after) const {
         const Box& box = grids.boxes[part.scene];
-        const Quad<S>* from = moved.data() + grids.node_memory[part.scene];
+        const Quad<S>* from = velocities + grids.node_memory[part.scene];
         each_block(part, [&](const Stencils<S>& stencils, int64_t first, int count) {
             exchange.gather_state(stencils, first, count, box, from, after);
         });
+    }
+
+    void scatter_gradient(const State<S>& incoming) {
+        tasks.resize(grids.task_nodes);
+        each_part([&](const Part& part) { scatter_gradient(part, incoming); });
     }
 
     void scatter_gradient(const Part& part, const State<S>& incoming) {
@@ -148,18 +187,17 @@ template <class S> class Step {
 
     // Gradients at momentum and mass of the nodes, from those at their velocities.
     void adjoint_nodes(int64_t scene, int x) {
-        sum_tasks(scene, x, node_gradient.data());
         const Quad<T> fall = exchange.fall_of(scene);
         each_node(scene, x, [&](size_t at, const int walls[3]) {
             node_gradient[at] = exchange.node_gradient(nodes[at], node_gradient[at], fall, walls);
         });
     }
 
-    void gather_gradient(const Part& part, const Moved<T>& after, const State<S>& incoming, const State<S>& gradient,
-                         const Field<S>& stress_gradient) const {
+    void gather_gradient(const Part& part, const Quad<S>* velocities, const Quad<S>* gradients, const Moved<T>& after,
+                         const State<S>& incoming, const State<S>& gradient, const Field<S>& stress_gradient) const {
         const Box& box = grids.boxes[part.scene];
-        const Quad<S>* velocities = moved.data() + grids.node_memory[part.scene];
-        const Quad<S>* gradients = node_gradient.data() + grids.node_memory[part.scene];
+        velocities += grids.node_memory[part.scene];
+        gradients += grids.node_memory[part.scene];
         each_block(part, [&](const Stencils<S>& stencils, int64_t first, int count) {
             for (int l = 0; l < count; l++)
                 exchange.gather_gradient(stencils, first + l, l, box, velocities, gradients, after, incoming, gradient,
