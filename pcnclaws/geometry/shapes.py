@@ -134,8 +134,8 @@ def _check_lattice(centre: Sequence[float | int], side: float | int, particles_p
         raise unknown_name("scene.lattice", lattice, LATTICES)
     if len(centre) != 3 or not np.isfinite(np.asarray(centre, dtype=np.float64)).all():
         raise UserError(f"scene.centre={list(centre)} is not accepted; accepted: three finite numbers [m]")
-    if not (math.isfinite(side) and 0.0 < side <= 1.0):
-        raise UserError(f"scene.side={side} is not accepted; accepted: above 0 to 1 m")
+    if not (math.isfinite(side) and side > 0.0):
+        raise UserError(f"scene.side={side} is not accepted; accepted: above 0 m")
     if not 2 <= particles_per_edge <= MAXIMUM_PARTICLES_PER_EDGE or particles_per_edge != int(particles_per_edge):
         raise UserError(
             f"scene.particles_per_edge={particles_per_edge} is not accepted; "

@@ -6,6 +6,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from pcnclaws.rendering.view import UNIT_VIEW, View
+
 Points = Float[np.ndarray, "points 3"]
 
 AZIMUTH, ELEVATION = np.radians(28.0), np.radians(17.0)
@@ -17,15 +19,17 @@ MARGIN = 0.02
 class Camera:
     """A camera in front of the box [lower, upper]^3, from `lower` up to `top`, which fills the picture.
 
-    lower, upper  inner faces of the walls [m]
-    top           height up to which the picture reaches [m]
+    lower, upper  inner faces of the walls, in edges of the view
+    top           height up to which the picture reaches, the same
     width         of the picture [pixels]; its height follows
+    view          the cube of space that is the unit box of all these lengths
     """
 
     lower: float
     upper: float
     top: float
     width: int
+    view: View = UNIT_VIEW
 
     @property
     def corners(self) -> Points:

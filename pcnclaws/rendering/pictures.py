@@ -17,6 +17,7 @@ from pcnclaws.rendering.camera import Camera
 from pcnclaws.rendering.labels import material_colour, material_label
 from pcnclaws.rendering.spheres import draw_particles
 from pcnclaws.rendering.upright import has_floor, upright
+from pcnclaws.rendering.view import view_of
 from pcnclaws.simulation.records import SceneRecord
 
 PANEL_WIDTH = 300  # pixels
@@ -83,12 +84,14 @@ def predicted_beside_true(
 
 def camera_for(records: list[SceneRecord], width: int) -> Camera:
     """A camera that shows everything that happens in the records; they share the box of the first one."""
-    lower = records[0].settings.wall_distance
+    view, settings = view_of(records), records[0].settings
+    lower = 0.0 if settings.domain is None else settings.wall_distance / view.edge
     upper = 1.0 - lower
     if not any(has_floor(record.settings.gravity) for record in records):
-        return Camera(lower, upper, upper, width)
-    highest = max(float(np.nanmax(upright(record.position, record.settings.gravity)[..., 1])) for record in records)
-    return Camera(lower, upper, min(max(highest + 0.04, lower + 0.3), 1.0), width)
+        return Camera(lower, upper, upper, width, view)
+    upwards = [upright(view.of(record.position), record.settings.gravity)[..., 1] for record in records]
+    highest = max(float(np.nanmax(heights)) for heights in upwards)
+    return Camera(lower, upper, min(max(highest + 0.04, lower + 0.3), 1.0), width, view)
 
 
 def panel(
@@ -104,9 +107,9 @@ def panel(
     """
     if colour is None:
         colour = np.tile(material_colour(record.material), (len(record.volume), 1))
-    radius = SPHERE_SIZE * np.cbrt(record.volume.astype(np.float64))
+    radius = SPHERE_SIZE * np.cbrt(record.volume.astype(np.float64)) / camera.view.edge
     gravity = record.settings.gravity
-    position = upright(record.position[frame], gravity)
+    position = upright(camera.view.of(record.position[frame]), gravity)
     return draw_particles(camera, position, radius, colour, oversample=oversample, floor=has_floor(gravity))
 
 
