@@ -68,7 +68,7 @@ def test_settings_come_back_from_the_first_version_that_holds_them(
 def test_what_is_wrong_with_the_surroundings_is_one_line(change, fault: str, tmp_path: Path) -> None:
     write_scenes(tmp_path / "x.h5", [replace(recording(), settings=SURROUNDED)])
     with h5py.File(tmp_path / "x.h5", "r+") as file:
-        change(next(iter(file["scenes"].values())))
+        change(file["scenes/thrown"])
     with pytest.raises(UserError) as refused:
         read_scenes(tmp_path / "x.h5")
     assert fault in str(refused.value)

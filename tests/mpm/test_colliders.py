@@ -14,6 +14,7 @@ from pcnclaws.errors import UserError
 from pcnclaws.mpm.colliders import Collider
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.recording import FramePlan, Trajectory
 from pcnclaws.simulation.rollout import differentiable_rollout, simulate_scenes
@@ -87,7 +88,7 @@ def run(settings: SimulationSettings, state: ParticleState, steps: int, skips: S
     simulator = analytic_simulator("elasticity", settings)
     plan = FramePlan(steps, steps, velocities=True)
     parameters = per_particle(PARAMETERS, state.position.shape[1])
-    return simulate_scenes(simulator, state, scene_of(settings.gravity), parameters, plan, skips=skips)
+    return simulate_scenes(simulator, SceneBatch(state, scene_of(settings.gravity), parameters), plan, skips)
 
 
 def settings_with(*colliders: Collider, gravity: tuple[float, float, float] = NO_GRAVITY) -> SimulationSettings:
@@ -105,7 +106,7 @@ def test_a_block_on_an_inclined_plane_slides_as_coulomb_says_or_stays(slope: flo
     simulator = analytic_simulator("elasticity", settings)
     parameters = per_particle(PARAMETERS, 64)
     plan = FramePlan(600, 200, velocities=True)
-    motion = simulate_scenes(simulator, state, scene_of(settings.gravity), parameters, plan)
+    motion = simulate_scenes(simulator, SceneBatch(state, scene_of(settings.gravity), parameters), plan)
     downhill = torch.tensor([-math.cos(angle), -math.sin(angle), 0.0]).double()
     speed = (downhill[:, None] * motion.velocity.mean(2).T).sum(0)
     acceleration = float(speed[3] - speed[1]) / (400 * settings.time_step)
@@ -156,8 +157,8 @@ def end_with(friction: Tensor, push: Tensor, recompute: bool = False) -> Tensor:
     plane = Collider.plane((0.0, -0.01, 0.0), (0.1, 1.0, 0.0), friction=friction, velocity=push)
     simulator = analytic_simulator("elasticity", settings_with(plane))
     parameters = per_particle(PARAMETERS, 64)
-    fields = (simulator, state, scene_of(settings.gravity), parameters)
-    return differentiable_rollout(*fields, 20, 20, recompute=recompute)[-1].mean(1)
+    batch = SceneBatch(state, scene_of(settings.gravity), parameters)
+    return differentiable_rollout(simulator, batch, 20, 20, recompute=recompute)[-1].mean(1)
 
 
 @pytest.mark.parametrize("backend", ["torch", "auto"])

@@ -9,21 +9,25 @@ from bodies import NO_GRAVITY, analytic_simulator, lattice, one_scene, per_parti
 
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.errors import SimulationDiverged, UserError
-from pcnclaws.laws.materials import MATERIALS, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.colliders import Collider
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.loads import Load
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
+from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.rollout import simulate
-from pcnclaws.simulation.scenes import SceneStart, simulate_records
+from pcnclaws.simulation.scenes import SceneStart
 
 both = pytest.mark.parametrize("backend", ["torch", "auto"])
 
 
 def end_of(start: SceneStart, steps: int) -> np.ndarray:
     laws = analytic_laws(MATERIALS[start.material])
-    return simulate_records([start], laws, steps, steps, dtype=torch.float64, velocities=True)[0].position[-1]
+    return simulate_records([start], laws, FramePlan(steps, steps), Execution(torch.float64))[0].position[-1]
 
 
 @pytest.mark.parametrize(
