@@ -203,7 +203,7 @@ def _foreign(path: Path) -> None:
 
 def _newer(path: Path) -> None:
     with h5py.File(hand_written(path), "a") as file:
-        file.attrs["version"] = 2
+        file.attrs["version"] = 3
 
 
 def _linked_scenes(path: Path) -> None:
@@ -226,7 +226,7 @@ def _no_scene(path: Path) -> None:
         (lambda path: path.write_text("time,x,y,z\n"), "not an HDF5 file"),
         (lambda path: path.write_bytes(written(path).read_bytes()[:-100]), "damaged or unreadable"),
         (_foreign, "not a trajectory file"),
-        (_newer, "@version=2 is not known"),
+        (_newer, "@version=3 is not known"),
         (_linked_scenes, "'scenes' is a link"),
         (_no_scene, "holds no scene"),
     ],

@@ -72,5 +72,5 @@ def test_nonsense_settings_are_refused_by_name(changed: dict[str, Any], named: s
 
 
 def test_an_unknown_boundary_is_answered_with_the_nearest_one() -> None:
-    with pytest.raises(UserError, match="did you mean 'stick'"):
+    with pytest.raises(UserError, match="did you mean 'sticky'"):
         SimulationSettings(boundary="stik")
