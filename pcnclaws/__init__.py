@@ -14,7 +14,11 @@ if TYPE_CHECKING:
     from pcnclaws.interface.motion import Motion
     from pcnclaws.interface.scene import Scene, simulate_scenes
     from pcnclaws.interface.settings import Settings
+    from pcnclaws.laws.base import Elasticity, Law, Plasticity
     from pcnclaws.laws.constitutive_model import ConstitutiveModel, analytic_law
+    from pcnclaws.laws.materials import Material
+    from pcnclaws.laws.parameters import Parameter
+    from pcnclaws.laws.registry import Network, register
 
 __version__ = "0.1.0"
 
@@ -22,13 +26,20 @@ __all__ = [
     "Body",
     "CannotWrite",
     "ConstitutiveModel",
+    "Elasticity",
+    "Law",
+    "Material",
     "Motion",
+    "Network",
+    "Parameter",
+    "Plasticity",
     "Scene",
     "Settings",
     "SimulationDiverged",
     "UserError",
     "analytic_law",
     "load_law",
+    "register",
     "simulate_scenes",
 ]
 
@@ -36,13 +47,20 @@ _MODULES = {
     "Body": "geometry.body",
     "CannotWrite": "errors",
     "ConstitutiveModel": "laws.constitutive_model",
+    "Elasticity": "laws.base",
+    "Law": "laws.base",
+    "Material": "laws.materials",
     "Motion": "interface.motion",
+    "Network": "laws.registry",
+    "Parameter": "laws.parameters",
+    "Plasticity": "laws.base",
     "Scene": "interface.scene",
     "Settings": "interface.settings",
     "SimulationDiverged": "errors",
     "UserError": "errors",
     "analytic_law": "laws.constitutive_model",
     "load_law": "commands.law_loading",
+    "register": "laws.registry",
     "simulate_scenes": "interface.scene",
 }
 

@@ -105,7 +105,7 @@ def closed_surface(
     # mesh.volume divides by zero where the mesh is flat
     volume = float(np.linalg.det(np.array(mesh.vertices)[faces]).sum()) / 6.0
     outwards = faces if volume >= 0.0 else faces[:, ::-1]
-    return ClosedSurface(np.array(mesh.vertices), outwards, abs(volume), middle, unit, str(path))
+    return ClosedSurface(np.array(mesh.vertices), outwards, abs(volume), middle, unit=unit, name=str(path))
 
 
 def _without_repetitions(faces: Int[np.ndarray, "faces 3"], path: str | Path) -> Int[np.ndarray, "found 3"]:

@@ -75,8 +75,8 @@ def _neighbourhoods(
     tree, count = KDTree(position), min(MOST_NEIGHBOURS + 1, len(position))
     for first in range(0, len(position), PARTICLES_AT_ONCE):
         part = slice(first, first + PARTICLES_AT_ONCE)
-        distance, neighbour = tree.query(position[part], k=count)
-        edge = np.cbrt(volume[part])
+        distance, nearest = tree.query(position[part], k=count)
+        neighbour, edge = np.asarray(nearest), np.cbrt(volume[part])
         # lattices that include the faces of a body are wider than the edge of a particle
         reach = REACH * np.clip(distance[:, 1], edge, 2.0 * edge)
         near = (distance <= reach[:, None]).astype(np.float64)  # itself among them, which adds nothing

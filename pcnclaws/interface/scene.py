@@ -21,13 +21,13 @@ from pcnclaws.laws.constitutive_model import ConstitutiveModel
 from pcnclaws.laws.given_values import Value, checked_values, of_particles
 from pcnclaws.laws.training_ranges import outside_training_data
 from pcnclaws.mpm.settings import SimulationSettings
-from pcnclaws.simulation.particle_spacing import warn_of_sparse_particles
-from pcnclaws.simulation.placement import require_inside
-from pcnclaws.simulation.rollout import positions_at
 from pcnclaws.simulation.batch import SceneBatch, batch_scenes
 from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.particle_spacing import warn_of_sparse_particles
+from pcnclaws.simulation.placement import require_inside
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
+from pcnclaws.simulation.rollout import positions_at
 from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.simulator import simulator_of
 from pcnclaws.simulation.time_step import stability_of
@@ -229,10 +229,10 @@ class Scene:
             self.law.material.name,
             settings,
             {name: _number(value) for name, value in self._values.items() if name not in varying},
-            self.body.cloud.position,
-            self._velocity.detach().numpy(),
-            self.body.cloud.volume,
-            affine if affine.any() else None,
+            position=self.body.cloud.position,
+            velocity=self._velocity.detach().numpy(),
+            volume=self.body.cloud.volume,
+            affine=affine if affine.any() else None,
             density=density,
             varying=varying,
         )
