@@ -1,1 +1,78 @@
+"""Differentiable Material Point Method with analytic and neural constitutive laws: `import pcnclaws as pc`.
+
+The public names, described in docs/python.md, are imported when they are first used: `import pcnclaws` alone loads
+neither PyTorch nor NumPy.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pcnclaws.commands.law_loading import load_law
+    from pcnclaws.errors import CannotWrite, SimulationDiverged, UserError
+    from pcnclaws.geometry.body import Body
+    from pcnclaws.interface.motion import Motion
+    from pcnclaws.interface.scene import Scene, simulate_scenes
+    from pcnclaws.interface.settings import Settings
+    from pcnclaws.laws.base import Elasticity, Law, Plasticity
+    from pcnclaws.laws.constitutive_model import ConstitutiveModel, analytic_law
+    from pcnclaws.laws.materials import Material
+    from pcnclaws.laws.parameters import Parameter
+    from pcnclaws.laws.registry import Network, register
+
 __version__ = "0.1.0"
+
+__all__ = [
+    "Body",
+    "CannotWrite",
+    "ConstitutiveModel",
+    "Elasticity",
+    "Law",
+    "Material",
+    "Motion",
+    "Network",
+    "Parameter",
+    "Plasticity",
+    "Scene",
+    "Settings",
+    "SimulationDiverged",
+    "UserError",
+    "analytic_law",
+    "load_law",
+    "register",
+    "simulate_scenes",
+]
+
+_MODULES = {
+    "Body": "geometry.body",
+    "CannotWrite": "errors",
+    "ConstitutiveModel": "laws.constitutive_model",
+    "Elasticity": "laws.base",
+    "Law": "laws.base",
+    "Material": "laws.materials",
+    "Motion": "interface.motion",
+    "Network": "laws.registry",
+    "Parameter": "laws.parameters",
+    "Plasticity": "laws.base",
+    "Scene": "interface.scene",
+    "Settings": "interface.settings",
+    "SimulationDiverged": "errors",
+    "UserError": "errors",
+    "analytic_law": "laws.constitutive_model",
+    "load_law": "commands.law_loading",
+    "register": "laws.registry",
+    "simulate_scenes": "interface.scene",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, from the module that holds it."""
+    if name not in _MODULES:
+        raise AttributeError(f"module 'pcnclaws' has no attribute '{name}'")
+    value = getattr(import_module(f"pcnclaws.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

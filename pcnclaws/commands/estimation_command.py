@@ -25,7 +25,7 @@ from pcnclaws.commands.estimation_report import (
 )
 from pcnclaws.commands.estimation_setup import estimator_from, guess_from, noise_from, start_from_guess, unknowns_from
 from pcnclaws.commands.outputs import RESULT, output_file, scene_files
-from pcnclaws.commands.runs import law_folder, laws_for, load_run, outside_training_data
+from pcnclaws.commands.runs import law_folder, laws_for, load_run
 from pcnclaws.commands.typed import plain
 from pcnclaws.commands.typed_configs import EstimateConfig
 from pcnclaws.data.hdf5 import write_scenes
@@ -41,6 +41,7 @@ from pcnclaws.estimation.uncertainty import uncertainty
 from pcnclaws.estimation.unknowns import Unknowns
 from pcnclaws.evaluation.report import write_metrics
 from pcnclaws.laws.materials import Material, material_named
+from pcnclaws.laws.training_ranges import outside_training_data
 from pcnclaws.provenance import provenance
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.particle_spacing import warn_of_sparse_particles

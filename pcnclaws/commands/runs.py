@@ -18,7 +18,7 @@ from pcnclaws.data.locks import LOCK
 from pcnclaws.errors import UserError
 from pcnclaws.laws.analytic import Laws, analytic_laws
 from pcnclaws.laws.materials import Material, material_named
-from pcnclaws.laws.parameters import PARAMETERS
+from pcnclaws.laws.training_ranges import outside_training_data
 from pcnclaws.simulation.motion import Model
 from pcnclaws.training.weights import read_weights, set_law_weights
 
@@ -112,8 +112,11 @@ def law_folder(law: str, material: Material) -> Path | None:
     """The folder of the option `law`, None for analytic; UserError where no weights ship for the material."""
     if law == "analytic":
         return None
-    if law != "pretrained":
-        return Path(law)
+    return shipped_folder(material) if law == "pretrained" else Path(law)
+
+
+def shipped_folder(material: Material) -> Path:
+    """The run folder that ships for a material; UserError where none does."""
     folder = PRETRAINED / material.name
     if not folder.is_dir():
         raise UserError(
@@ -121,19 +124,6 @@ def law_folder(law: str, material: Material) -> Path | None:
             f"'python -m pcnclaws.train experiment={material.name}_multi' and name its run folder"
         )
     return folder
-
-
-def outside_training_data(
-    ranges: Mapping[str, tuple[float, float]], parameters: Iterable[Mapping[str, float]]
-) -> str | None:
-    """One line that names the parameters outside the ranges that a law was trained on; None if there are none."""
-    faults: dict[str, None] = {}
-    for values in parameters:
-        for name, (low, high) in ranges.items():
-            if name in values and not low * (1.0 - 1e-6) <= values[name] <= high * (1.0 + 1e-6):
-                unit = "" if PARAMETERS[name].unit == "-" else f" {PARAMETERS[name].unit}"
-                faults[f"{name}={values[name]:g} (trained on {low:g} to {high:g}{unit})"] = None
-    return f"used outside its training data: {', '.join(faults)}" if faults else None
 
 
 def is_finished(folder: Path, config: Mapping[str, Any]) -> bool:

@@ -33,6 +33,7 @@ class ClosedSurface(NamedTuple):
     volume    what it encloses [-], 0 where it is flat
     middle    of the bounding box in the file, in its unit of length, (3,)
     unit      longest edge of the bounding box in the file
+    name      what messages call it: the file
     """
 
     vertices: Float[np.ndarray, "vertices 3"]
@@ -40,18 +41,19 @@ class ClosedSurface(NamedTuple):
     volume: float
     middle: Float[np.ndarray, "3"]
     unit: float
+    name: str
 
 
-def filled_mesh(
-    path: str | Path, per_edge: int, lattice: str = "faces"
+def filled_surface(
+    surface: ClosedSurface, per_edge: int, lattice: str = "faces"
 ) -> tuple[Float[np.ndarray, "particles 3"], float]:
-    """The lattice points inside of a mesh that is scaled to a longest edge of 1 about the origin, and its volume.
+    """The lattice points inside of a surface of longest edge 1 about the origin, and its volume.
 
     Points on the surface count where it faces away from the origin, as the faces of a box do.
     lattice  one of LATTICES
-    raises   UserError, one line, for whatever is wrong with the file, and where no point lies inside
+    raises   UserError where the surface overlaps with itself, and where no point lies inside
     """
-    surface = read_surface(path)
+    name = surface.name
     x, y, z = (lattice_points(float(extent), per_edge, lattice) for extent in np.ptp(surface.vertices, axis=0))
     inwards = 1.0 - ROUNDING
     winding = lattice_winding(surface.vertices, surface.faces, inwards * x, inwards * y, inwards * z)
@@ -60,14 +62,14 @@ def filled_mesh(
         i, j, k = wrong[0]
         place = ", ".join(f"{c:.4g}" for c in surface.middle + surface.unit * np.array((x[i], y[j], z[k])))
         raise UserError(
-            f"scene.mesh={path} overlaps with itself, or faces the wrong way around a cavity, at {len(wrong)} of "
+            f"scene.mesh={name} overlaps with itself, or faces the wrong way around a cavity, at {len(wrong)} of "
             f"{winding.size} lattice points, the first at ({place}) in the file; accepted: parts that do not overlap "
             "(trimesh.boolean.union makes one of them), their faces counterclockwise seen from outside of the material"
         )
     i, j, k = np.nonzero(winding)
     if len(i) == 0:
         raise UserError(
-            f"scene.particles_per_edge={per_edge} is too coarse for scene.mesh={path}: no particle lies inside; "
+            f"scene.particles_per_edge={per_edge} is too coarse for scene.mesh={name}: no particle lies inside; "
             "accepted: more of them, or a thicker body"
         )
     return np.stack((x[i], y[j], z[k]), axis=1), surface.volume
@@ -78,8 +80,17 @@ def read_surface(path: str | Path) -> ClosedSurface:
 
     raises  UserError, one line, for whatever is wrong with the file
     """
+    return closed_surface(*_triangles(_trimesh(path), path), path)
+
+
+def closed_surface(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], path: str | Path
+) -> ClosedSurface:
+    """The closed surface of triangles, each of three different vertices; `path` names it in messages.
+
+    raises  UserError, one line, for whatever is wrong with it
+    """
     trimesh = _trimesh(path)
-    vertices, faces = _triangles(trimesh, path)
     corners = vertices[faces].reshape(-1, 3)
     low, high = corners.min(0), corners.max(0)
     if not np.isfinite(high - low).all() or not (high > low).any():
@@ -93,7 +104,8 @@ def read_surface(path: str | Path) -> ClosedSurface:
         raise UserError(f"scene.mesh={path} {fault}; {ACCEPTED}")
     # mesh.volume divides by zero where the mesh is flat
     volume = float(np.linalg.det(np.array(mesh.vertices)[faces]).sum()) / 6.0
-    return ClosedSurface(np.array(mesh.vertices), faces if volume >= 0.0 else faces[:, ::-1], abs(volume), middle, unit)
+    outwards = faces if volume >= 0.0 else faces[:, ::-1]
+    return ClosedSurface(np.array(mesh.vertices), outwards, abs(volume), middle, unit=unit, name=str(path))
 
 
 def _without_repetitions(faces: Int[np.ndarray, "faces 3"], path: str | Path) -> Int[np.ndarray, "found 3"]:

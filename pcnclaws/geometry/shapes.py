@@ -12,7 +12,7 @@ from jaxtyping import Float
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.geometry.implicit_shapes import BODIES, FEWEST_PER_EDGE, filled_body, volume_fraction
 from pcnclaws.geometry.lattices import LATTICES, lattice_points
-from pcnclaws.geometry.meshes import filled_mesh
+from pcnclaws.geometry.meshes import ClosedSurface, filled_surface, read_surface
 
 log = logging.getLogger(__name__)
 
@@ -76,7 +76,19 @@ def mesh_particles(
     raises              UserError
     """
     _check_lattice(centre, side, particles_per_edge, lattice)
-    return _placed(*filled_mesh(path, particles_per_edge, lattice), centre, side)
+    return surface_particles(read_surface(path), centre, side, particles_per_edge, lattice)
+
+
+def surface_particles(
+    surface: ClosedSurface,
+    centre: Sequence[float | int],
+    side: float | int,
+    particles_per_edge: int,
+    lattice: str,
+) -> PointCloud:
+    """As mesh_particles, for a surface that is read already."""
+    _check_lattice(centre, side, particles_per_edge, lattice)
+    return _placed(*filled_surface(surface, particles_per_edge, lattice), centre, side)
 
 
 def spin_velocity(

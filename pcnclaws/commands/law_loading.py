@@ -1,0 +1,25 @@
+"""Laws by name for programs: the weights that ship for a material, or those of a run folder."""
+
+from pathlib import Path
+
+from pcnclaws.commands.runs import PRETRAINED, WEIGHTS, load_run, shipped_folder
+from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.laws.constitutive_model import ConstitutiveModel
+from pcnclaws.laws.materials import MATERIALS
+
+
+def load_law(source: str | Path) -> ConstitutiveModel:
+    """The trained law of a material whose weights ship with the package, or of a run folder.
+
+    Reading it never runs code from its files. Its weights are frozen until `law.requires_grad_()`.
+    source  the name of a material, or the path of a run folder
+    raises  UserError where there is no such law, or its files are damaged
+    """
+    folder = Path(source)
+    if str(source) in MATERIALS:
+        folder = shipped_folder(MATERIALS[str(source)])
+    elif not folder.is_dir():
+        shipped = [path.parent.name for path in PRETRAINED.glob(f"*/{WEIGHTS}")]
+        raise UserError(f"{unknown_name('law', source, shipped)}; or the path of a run folder")
+    run = load_run(folder)
+    return ConstitutiveModel(run.material, run.laws, run.ranges, str(source))

@@ -1,0 +1,220 @@
+"""Bodies for programs: particles of a shape, of the inside of a mesh, or of one's own. Particle-first."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.autograd import forward_ad
+
+from pcnclaws.errors import UserError
+from pcnclaws.geometry.meshes import ClosedSurface, closed_surface, read_surface
+from pcnclaws.geometry.shapes import MAXIMUM_PARTICLES_PER_EDGE, PointCloud, particles, surface_particles
+from pcnclaws.geometry.velocity_gradients import gradient_weights, velocity_gradients
+
+Point: TypeAlias = Sequence[float | int]
+Array: TypeAlias = Tensor | np.ndarray | Sequence[Any]
+MIDDLE = (0.5, 0.5, 0.5)
+
+
+class Body:
+    """A body of particles, undeformed: where they are and how much of it each one stands for.
+
+    Made by Body.cube, Body.sphere, Body.shape, Body.mesh and Body.points. A body does not know of which material it is,
+    nor how it moves.
+    """
+
+    def __init__(self, name: str, cloud: PointCloud, centre: Point | None = None) -> None:
+        """name: of the scenes made of it; centre: that spins are about [m], None for the mean of the positions."""
+        self.name, self.cloud = name, cloud
+        middle = cloud.position.mean(0) if centre is None else np.asarray(centre, dtype=np.float64)
+        self.centre = torch.from_numpy(middle)
+
+    @classmethod
+    def cube(
+        cls, side: float | int = 0.5, centre: Point = MIDDLE, particles_per_edge: int = 10, lattice: str = "centres"
+    ) -> "Body":
+        """A cube of this side [m] about a centre [m].
+
+        lattice  'centres': particles in the centres of equal cells; 'faces': the outermost ones on the faces
+        """
+        return cls.shape("cube", side, centre, particles_per_edge, lattice)
+
+    @classmethod
+    def sphere(
+        cls, side: float | int = 0.5, centre: Point = MIDDLE, particles_per_edge: int = 10, lattice: str = "centres"
+    ) -> "Body":
+        """A sphere whose diameter is `side` [m]: the particles of the cube's lattice that lie in it."""
+        return cls.shape("sphere", side, centre, particles_per_edge, lattice)
+
+    @classmethod
+    def shape(
+        cls,
+        name: str,
+        side: float | int = 0.5,
+        centre: Point = MIDDLE,
+        particles_per_edge: int = 10,
+        lattice: str = "centres",
+    ) -> "Body":
+        """A named shape: cube, sphere, torus, star, twisted_bar, hollow_box, spiky_sphere.
+
+        side    edge of the cube, diameter of the sphere, edge of the box that another shape is defined in [m]
+        raises  UserError, with the nearest known name
+        """
+        return cls(name, particles(name, centre, side, particles_per_edge, lattice), centre)
+
+    @classmethod
+    def mesh(
+        cls,
+        source: str | Path | tuple[Array, Array],
+        *,
+        spacing: float | int | None = None,
+        particles_per_edge: int | None = None,
+        side: float | int | None = None,
+        centre: Point | None = None,
+        lattice: str = "centres",
+    ) -> "Body":
+        """The inside of a watertight surface mesh, in metres and where it is unless `side` and `centre` say otherwise.
+
+        source              a file that trimesh reads, or vertices (V, 3) and triangles (F, 3)
+        spacing             distance of the particles [m], at most, or
+        particles_per_edge  their number along the longest edge of the bounding box, 10 without either
+        side                longest edge of the bounding box [m], to which the mesh is scaled
+        centre              of the bounding box [m]
+        raises              UserError, one line, for whatever is wrong with the mesh
+        """
+        surface = _surface(source)
+        name = Path(source).stem if isinstance(source, str | Path) else "mesh"
+        side = surface.unit if side is None else side
+        middle: Point = surface.middle.tolist() if centre is None else centre
+        per_edge = _per_edge(spacing, particles_per_edge, side, lattice)
+        return cls(name, surface_particles(surface, middle, side, per_edge, lattice), middle)
+
+    @classmethod
+    def points(cls, position: Array, volume: Array | float, density: Array | float | None = None) -> "Body":
+        """Particles of one's own.
+
+        position  [m], (particles, 3)
+        volume    [m^3], (particles,), or one for all
+        density   [kg/m^3], (particles,), or one for all; None: that of the settings
+        raises    UserError
+        """
+        where = _array("position", position, (None, 3))
+        count = len(where)
+        each = {"volume": volume} if density is None else {"volume": volume, "density": density}
+        arrays = {name: _positive(name, values, count) for name, values in each.items()}
+        return cls("points", PointCloud(where, np.zeros_like(where), **arrays))
+
+    @property
+    def position(self) -> Float[Tensor, "particles 3"]:
+        """[m], (particles, 3)."""
+        return torch.from_numpy(self.cloud.position)
+
+    @property
+    def volume(self) -> Float[Tensor, " particles"]:
+        """[m^3], (particles,)."""
+        return torch.from_numpy(self.cloud.volume)
+
+    @property
+    def density(self) -> Float[Tensor, " particles"] | None:
+        """[kg/m^3], (particles,), None where it is that of the settings."""
+        return None if self.cloud.density is None else torch.from_numpy(self.cloud.density)
+
+    def __len__(self) -> int:
+        """Number of particles."""
+        return len(self.cloud.position)
+
+    def __repr__(self) -> str:
+        return f"Body({self.name!r}, {len(self)} particles, {float(self.volume.sum()):.4g} m^3)"
+
+    def start_motion(
+        self, velocity: Float[Tensor, "3"] | Float[Tensor, "particles 3"], spin: Float[Tensor, "3"]
+    ) -> tuple[Float[Tensor, "particles 3"], Float[Tensor, "particles 3 3"]]:
+        """Initial velocity [m/s] of each particle and its gradient [1/s], differentiable.
+
+        velocity  of all particles, or of each; the gradient of the latter is the least-squares fit to the neighbours
+        spin      rigid rotation about the centre that is added [rad/s]
+        """
+        offset = self.position - self.centre
+        turned = _cross(spin, offset.unbind(1))
+        gradient = torch.stack(_cross(spin, torch.eye(3, dtype=torch.float64).unbind(0)), dim=0)
+        own = self._gradient(velocity) if velocity.dim() == 2 else torch.zeros(len(self), 3, 3, dtype=torch.float64)
+        return velocity + torch.stack(turned, dim=1), own + gradient
+
+    def _gradient(self, velocity: Float[Tensor, "particles 3"]) -> Float[Tensor, "particles 3 3"]:
+        cloud = self.cloud
+        fitted = torch.from_numpy(velocity_gradients(cloud.position, velocity.detach().numpy(), cloud.volume))
+        if not velocity.requires_grad and forward_ad.unpack_dual(velocity).tangent is None:
+            return fitted
+        # the same map as a function of torch: its value cancels, its derivatives stay
+        neighbour, weight = (torch.from_numpy(one) for one in gradient_weights(cloud.position, cloud.volume))
+        linear = torch.einsum("pni,pnj->pij", velocity[neighbour] - velocity[:, None], weight)
+        return fitted + (linear - linear.detach())
+
+
+def _cross(spin: Tensor, vector: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+    """spin x vector by components, in the order of operations of NumPy."""
+    (a, b, c), (x, y, z) = spin.unbind(0), vector
+    return b * z - c * y, c * x - a * z, a * y - b * x
+
+
+def _surface(source: str | Path | tuple[Array, Array]) -> ClosedSurface:
+    if isinstance(source, str | Path):
+        return read_surface(source)
+    if not isinstance(source, tuple | list) or len(source) != 2:
+        raise UserError(f"the mesh is a {type(source).__name__}; accepted: the path of a file, or (vertices, faces)")
+    vertices = _array("vertices", source[0], (None, 3))
+    faces = np.asarray(source[1].detach().cpu() if isinstance(source[1], Tensor) else source[1])
+    if faces.dtype.kind not in "iu" or faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
+        raise UserError(f"faces have the shape {faces.shape} of {faces.dtype}; accepted: whole numbers (F, 3)")
+    faces = faces.astype(np.int64)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise UserError(f"faces name the vertices {faces.min()} to {faces.max()}; accepted: 0 to {len(vertices) - 1}")
+    return closed_surface(vertices, faces, "(vertices, faces)")
+
+
+def _per_edge(spacing: float | int | None, particles_per_edge: int | None, side: float | int, lattice: str) -> int:
+    """Particles along the longest edge of a mesh."""
+    if spacing is None:
+        return 10 if particles_per_edge is None else particles_per_edge
+    if particles_per_edge is not None:
+        raise UserError(f"spacing={spacing} and particles_per_edge={particles_per_edge} are two; accepted: one of them")
+    if not (math.isfinite(spacing) and side / MAXIMUM_PARTICLES_PER_EDGE <= spacing <= side):
+        raise UserError(
+            f"spacing={spacing:g} is not accepted; accepted: {side / MAXIMUM_PARTICLES_PER_EDGE:.3g} to {side:.3g} m, "
+            "the longest edge of the body"
+        )
+    cells = math.ceil(side / spacing * (1.0 - 1e-9))
+    return max(cells + (lattice == "faces"), 2)
+
+
+def _array(name: str, values: Array | float, shape: tuple[int | None, ...]) -> np.ndarray:
+    """Finite numbers of a shape in double precision; None stands for any length from 1."""
+    if isinstance(values, Tensor):
+        if values.requires_grad:
+            raise UserError(f"{name} requires gradients, which a body does not carry; accepted: {name}.detach()")
+        values = values.cpu().numpy()
+    try:
+        array = np.array(values)
+    except ValueError:
+        array = np.array(())
+    wanted = "(N, 3)" if shape == (None, 3) else str(shape)
+    right = array.ndim == len(shape) and all(
+        a == b or (b is None and a > 0) for a, b in zip(array.shape, shape, strict=True)
+    )
+    if array.dtype.kind not in "fiu" or not right:
+        raise UserError(f"{name} has the shape {array.shape} of {array.dtype}; accepted: numbers {wanted}")
+    if not np.isfinite(array).all():
+        raise UserError(f"{name} holds numbers that are not finite")
+    return array.astype(np.float64)
+
+
+def _positive(name: str, values: Array | float, count: int) -> np.ndarray:
+    array = _array(name, values, () if np.ndim(values) == 0 else (count,))  # pyright: ignore[reportArgumentType]
+    if array.min() <= 0.0:
+        raise UserError(f"{name} is not positive everywhere")
+    return np.full(count, array) if array.ndim == 0 else array

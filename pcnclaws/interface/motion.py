@@ -1,0 +1,78 @@
+"""What a simulation gives back: the motion of a scene, particle-first."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from pcnclaws.data.motion_files import WRITERS, write_motion
+from pcnclaws.errors import UserError
+from pcnclaws.rendering.pictures import trajectory_picture
+from pcnclaws.simulation.records import SceneRecord
+
+log = logging.getLogger(__name__)
+
+PICTURES = (".png", ".pdf", ".svg")
+
+
+class Motion:
+    """The recorded motion of a scene, frame 0 the start; in the precision and on the device of the simulation.
+
+    time         of the frames [s], (frames,), always double precision
+    position     [m], (frames, particles, 3)
+    velocity     [m/s], (frames, particles, 3)
+    deformation  elastic deformation gradient F [-], (frames, particles, 3, 3), None unless it was asked for
+    record       the same as NumPy arrays, with the settings and parameters of the scene
+    """
+
+    time: Float[Tensor, " frames"]
+    position: Float[Tensor, "frames particles 3"]
+    velocity: Float[Tensor, "frames particles 3"]
+    deformation: Float[Tensor, "frames particles 3 3"] | None
+
+    def __init__(self, record: SceneRecord, device: torch.device | str = "cpu", varying: tuple[str, ...] = ()) -> None:
+        """varying: parameters that differ between the particles, which the record does not hold."""
+        if record.velocity is None:
+            raise ValueError("a motion needs the velocities of its record")
+
+        def tensor(values: np.ndarray) -> Tensor:
+            return torch.from_numpy(values).to(device)
+
+        self.record, self._varying = record, varying
+        self.time, self.position, self.velocity = (
+            tensor(values) for values in (record.time, record.position, record.velocity)
+        )
+        self.deformation = None if record.keyframes is None else tensor(record.keyframes.deformation)
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        frames, count, _ = self.position.shape
+        return f"Motion({self.record.name!r}, {frames} frames, {count} particles, {float(self.time[-1]):.4g} s)"
+
+    def save(self, path: str | Path, frame: int = -1) -> Path:
+        """Writes the motion to a file, whole or not at all, and returns its path. The ending decides:
+
+        .h5 .hdf5        the trajectory file of the commands, in the precision of the motion
+        .npz             arrays of NumPy
+        .pvd             all frames for ParaView: a collection, and a .vtu file for each frame beside it
+        .vtu .ply        one frame, the last unless `frame` names another
+        .png .pdf .svg   a picture of five frames
+
+        raises  UserError for another ending, and for a path that cannot be written
+        """
+        path = Path(path)
+        ending = path.suffix.lower()
+        if ending in PICTURES:
+            return trajectory_picture(self.record, path)
+        if ending not in WRITERS:
+            raise UserError(f"{path} does not end in a known format; accepted: {', '.join((*WRITERS, *PICTURES))}")
+        if self._varying:
+            log.warning("%s: not part of the file: %s of each particle", path, ", ".join(self._varying))
+        write_motion(path, self.record, frame)
+        return path

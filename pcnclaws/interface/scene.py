@@ -1,0 +1,329 @@
+"""A scene for programs: a body, its constitutive model, its start, and the settings; simulated and differentiated."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.autograd import forward_ad
+
+from pcnclaws.data.units import check_spacing
+from pcnclaws.errors import SimulationDiverged, UserError, unknown_name
+from pcnclaws.geometry.body import Body
+from pcnclaws.interface.motion import Motion
+from pcnclaws.interface.precision import Precision, precision_of
+from pcnclaws.interface.settings import Settings, whole_number
+from pcnclaws.laws.constitutive_model import ConstitutiveModel
+from pcnclaws.laws.given_values import Value, checked_values, of_particles
+from pcnclaws.laws.training_ranges import outside_training_data
+from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.batch import SceneBatch, batch_scenes
+from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.particle_spacing import warn_of_sparse_particles
+from pcnclaws.simulation.placement import require_inside
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
+from pcnclaws.simulation.rollout import positions_at
+from pcnclaws.simulation.scenes import SceneStart
+from pcnclaws.simulation.simulator import simulator_of
+from pcnclaws.simulation.time_step import stability_of
+
+log = logging.getLogger(__name__)
+
+Vector: TypeAlias = Sequence[float | int] | Tensor | np.ndarray
+NOTHING = (0.0, 0.0, 0.0)
+OPTIONS = ("body", "law", "velocity", "spin", "settings", "name")
+
+
+class Scene:
+    """A body of one material, its physical parameters, its start and its settings. Never changed: see `with_`.
+
+    body        see Body
+    law         see load_law and analytic_law
+    velocity    initial velocity [m/s], (3,) or one a particle (particles, 3)
+    spin        rigid rotation about the centre of the body that is added [rad/s], (3,)
+    settings    see Settings; None: the paper's
+    name        of the scene in messages and files, the body's unless given
+    parameters  physical parameters by name: a number, a tensor of one value, or one value a particle; those that are
+                missing are in the middle of the law's ranges
+    raises      UserError for unknown names with the nearest known one, for values that are not accepted, and for a body
+                outside of the domain
+
+    Velocity, spin and parameters may be tensors that require gradients.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        law: ConstitutiveModel,
+        *,
+        velocity: Vector = NOTHING,
+        spin: Vector = NOTHING,
+        settings: Settings | None = None,
+        name: str | None = None,
+        **parameters: Value,
+    ) -> None:
+        self.body, self.law, self.settings = body, law, settings or Settings()
+        self.name = body.name if name is None else name
+        self._given = {"velocity": velocity, "spin": spin, "settings": self.settings, "name": name, **parameters}
+        middle = {one: 0.5 * (low + high) for one, (low, high) in law.ranges.items()}
+        self._values = middle | checked_values(parameters, law.physical_parameters, (len(body),), OPTIONS)
+        self._velocity, self._affine = body.start_motion(
+            _vector("velocity", velocity, ((3,), (len(body), 3))), _vector("spin", spin, ((3,),))
+        )
+        self._start = self._checked_start()
+        self._said: set[str] = set()
+
+    @property
+    def parameters(self) -> dict[str, float | Tensor]:
+        """All physical parameters by name."""
+        return dict(self._values)
+
+    @property
+    def time_step(self) -> float:
+        """[s]."""
+        return self._start.settings.time_step
+
+    @property
+    def cfl(self) -> float:
+        """CFL number dt (c + |v|) / dx [-]: c of the stiffest particle, |v| after the fall to the wall."""
+        return stability_of(self._start).cfl
+
+    @property
+    def stable_time_step(self) -> float:
+        """The largest stable time step [s], from the measured stability boundary; longer ones are refused."""
+        return stability_of(self._start).longest_time_step
+
+    def with_(self, **changes: Any) -> "Scene":
+        """The scene with other arguments: body, law, velocity, spin, settings, name, or parameters."""
+        arguments = {"body": self.body, "law": self.law} | self._given | changes
+        return Scene(**arguments)
+
+    def simulate(
+        self,
+        steps: int = 500,
+        every: int = 5,
+        dtype: torch.dtype | None = None,
+        device: str | torch.device | None = None,
+        *,
+        deformation: bool = False,
+    ) -> Motion:
+        """The motion of the scene, without gradients.
+
+        every         steps between frames
+        dtype         of the simulation and of the motion; None: that of the tensors that the scene was given, else
+                      torch.float32
+        device        None: that of these tensors, else the CPU
+        deformation   keep F at the frames, and with it restart states in trajectory files
+        raises        UserError for a time step above the stability boundary, SimulationDiverged, naming scene, step and
+                      particle
+        """
+        return simulate_scenes([self], steps, every, dtype, device, deformation=deformation)[0]
+
+    def rollout(
+        self,
+        steps: int = 500,
+        every: int = 5,
+        *,
+        dtype: torch.dtype | None = None,
+        device: str | torch.device | None = None,
+        **tensors: Any,
+    ) -> Float[Tensor, "frames particles 3"]:
+        """Positions at the frames [m], the start among them, differentiable.
+
+        Gradients reach whatever tensor requires them: `tensors`, what the scene was given, the weights of its law.
+
+        tensors  parameters or `velocity`, `spin` instead of those of the scene, as in `with_`
+        dtype    None: that of the tensors, those that are given here before those of the scene, else torch.float32
+        raises   as simulate
+        """
+        scene = self._changed(**tensors) if tensors else self
+        precision = precision_of(dtype, device, list(tensors.values()), scene._tensors())
+        return scene._positions(steps, every, precision)
+
+    def sensitivity(
+        self,
+        name: str,
+        steps: int = 500,
+        every: int = 5,
+        *,
+        dtype: torch.dtype | None = None,
+        device: str | torch.device | None = None,
+    ) -> Float[Tensor, "frames particles 3"]:
+        """Derivative of the positions at the frames with respect to a parameter, in forward mode (a JVP).
+
+        name    of a physical parameter; where it differs between the particles, of all its values at once
+        unit    m per unit of the parameter
+        raises  UserError for an unknown name, otherwise as simulate
+        """
+        if name not in self.law.parameter_names:
+            raise unknown_name("sensitivity", name, self.law.parameter_names)
+        precision = precision_of(dtype, device, [], self._tensors())
+        value = torch.as_tensor(self._values[name], dtype=precision.dtype, device=precision.device).detach()
+        with torch.no_grad(), forward_ad.dual_level():
+            dual = forward_ad.make_dual(value, torch.ones_like(value))
+            found, derivative = forward_ad.unpack_dual(
+                self._changed(**{name: dual})._positions(steps, every, precision)
+            )
+            return torch.zeros_like(found) if derivative is None else derivative
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name}={_shown(value)}" for name, value in self._values.items())
+        return f"Scene({self.name!r}, {len(self.body)} particles, {self.law.material.name}: {values})"
+
+    def _changed(self, **changes: Any) -> "Scene":
+        """As with_, for one call: a loop of calls hears once of what is doubtful."""
+        scene = self.with_(**changes)
+        scene._said = self._said
+        return scene
+
+    def _positions(self, steps: int, every: int, precision: Precision) -> Float[Tensor, "frames particles 3"]:
+        _check_frames(steps, every)
+        self._check_run()
+        simulator = simulator_of(self.law.laws_in(precision.dtype, precision.device), self._start.settings)
+        batch = self._differentiable_batch(precision)
+        position = positions_at(simulator, batch, range(0, steps + 1, every), steps=steps).transpose(1, 2)
+        self._require_physical(position.detach(), steps, every, precision)
+        return position
+
+    def _differentiable_batch(self, precision: Precision) -> SceneBatch:
+        """The scene as a batch of one, through which derivatives reach what was given."""
+        batch = batch_scenes([self._start], precision.dtype, precision.device)
+        velocity, affine = (one.to(precision.device, precision.dtype) for one in (self._velocity, self._affine))
+        state = batch.state._replace(velocity=velocity.T.contiguous(), affine=affine.permute(1, 2, 0).contiguous())
+        parameters = of_particles(self._values, (len(self.body),), batch.state.position)
+        return batch._replace(state=state, parameters=parameters)
+
+    def _require_physical(self, position: Tensor, steps: int, every: int, precision: Precision) -> None:
+        """Raises the error that names step and particle where positions are not finite or outside of the domain."""
+        if bool(((position >= 0.0) & (position <= 1.0)).all()):
+            return
+        with torch.no_grad():
+            self.simulate(steps, every, precision.dtype, precision.device)
+        raise SimulationDiverged(f"scene '{self.name}' diverged: its positions are not finite or outside of the domain")
+
+    def _tensors(self) -> list[Any]:
+        """What decides on the precision: what the scene was given, and weights that somebody trains."""
+        return [*self._given.values(), *(weight for weight in self.law.parameters() if weight.requires_grad)]
+
+    def _checked_start(self) -> SceneStart:
+        settings, density = self.settings.simulation, self.body.cloud.density
+        if density is not None and settings.density != SimulationSettings.density:
+            raise UserError(
+                f"simulation.density={settings.density:g} has no effect on particles that bring their density; "
+                "accepted: one of the two"
+            )
+        require_inside(self.body.cloud.position, settings, f"body '{self.body.name}'")
+        varying = {
+            name: value.detach().double().cpu().numpy()
+            for name, value in self._values.items()
+            if isinstance(value, Tensor) and value.dim()
+        }
+        affine = self._affine.detach().numpy()
+        start = SceneStart(
+            self.name,
+            self.law.material.name,
+            settings,
+            {name: _number(value) for name, value in self._values.items() if name not in varying},
+            position=self.body.cloud.position,
+            velocity=self._velocity.detach().numpy(),
+            volume=self.body.cloud.volume,
+            affine=affine if affine.any() else None,
+            density=density,
+            varying=varying,
+        )
+        if not self.settings.is_automatic:
+            return start
+        return replace(start, settings=replace(settings, time_step=stability_of(start).automatic_time_step))
+
+    def _check_run(self) -> None:
+        """Refuses an unstable time step; says once what is doubtful."""
+        stability = stability_of(self._start)
+        if self._said and stability.is_stable:
+            return
+        stability.check()
+        self._said.add("checked")
+        warn_of_sparse_particles([self._start])
+        check_spacing(f"body '{self.body.name}'", self._start.position, self._start.volume)
+        of_particles = self._start.of_particles()
+        extremes = [{name: float(end(one)) for name, one in of_particles.items()} for end in (np.min, np.max)]
+        if self.law.source != "analytic" and (line := outside_training_data(self.law.ranges, extremes)):
+            log.warning("law=%s: %s", self.law.source, line)
+
+
+def simulate_scenes(
+    scenes: Sequence[Scene],
+    steps: int = 500,
+    every: int = 5,
+    dtype: torch.dtype | None = None,
+    device: str | torch.device | None = None,
+    *,
+    deformation: bool = False,
+) -> list[Motion]:
+    """The motions of several scenes, those of the same law and settings as one batch; in the order of `scenes`.
+
+    Arguments and errors as of Scene.simulate.
+    """
+    _check_frames(steps, every)
+    if not scenes:
+        raise UserError("no scene is given; accepted: one or more")
+    for scene in scenes:
+        scene._check_run()
+    precision = precision_of(dtype, device, [], [given for scene in scenes for given in scene._tensors()])
+    starts = [replace(scene._start, name=name) for scene, name in zip(scenes, _names(scenes), strict=True)]
+    motions: dict[int, Motion] = {}
+    for law in dict.fromkeys(scene.law for scene in scenes):
+        of_law = [k for k, scene in enumerate(scenes) if scene.law is law]
+        group = [starts[k] for k in of_law]
+        plan = FramePlan(steps, every, every if deformation else 0, velocities=True)
+        try:
+            records = simulate_records(group, law.laws, plan, Execution(precision.dtype, precision.device))
+        except SimulationDiverged as error:
+            named = next((start for start in group if f"scene '{start.name}'" in str(error)), group[0])
+            raise type(error)(f"{error}; {stability_of(named).advice(error)}") from error
+        for k, record in zip(of_law, records, strict=True):
+            motions[k] = Motion(record, precision.device, tuple(starts[k].varying))
+    return [motions[k] for k in range(len(scenes))]
+
+
+def _check_frames(steps: Any, every: Any) -> None:
+    steps, every = whole_number("simulation.steps", steps), whole_number("simulation.every", every)
+    if every > steps:
+        raise UserError(f"simulation.every={every} keeps no frame; accepted: 1 to simulation.steps={steps}")
+    if steps % every:
+        log.warning("simulation.every=%d: the last %d of %d steps are in no frame", every, steps % every, steps)
+
+
+def _names(scenes: Sequence[Scene]) -> list[str]:
+    """The names of the scenes, numbered where two are the same."""
+    names = [scene.name for scene in scenes]
+    return [f"{name}_{k}" if names.count(name) > 1 else name for k, name in enumerate(names)]
+
+
+def _vector(name: str, value: Vector, shapes: Sequence[tuple[int, ...]]) -> Tensor:
+    """A given vector, or one for each particle, in double precision, with its derivatives."""
+    try:
+        tensor = value if isinstance(value, Tensor) else torch.tensor(np.asarray(value, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise UserError(f"scene.{name}={value} is not accepted; accepted: three numbers") from error
+    if tensor.shape not in shapes or tensor.is_complex() or tensor.dtype == torch.bool:
+        accepted = " or ".join(str(shape) for shape in shapes)
+        raise UserError(f"scene.{name} has the shape {tuple(tensor.shape)}; accepted: numbers {accepted}")
+    tensor = tensor.to("cpu", torch.float64)
+    if not bool(torch.isfinite(tensor.detach()).all()):
+        raise UserError(f"scene.{name} holds numbers that are not finite")
+    return tensor
+
+
+def _number(value: float | Tensor) -> float:
+    return float(value.detach() if isinstance(value, Tensor) else value)
+
+
+def _shown(value: float | Tensor) -> str:
+    if isinstance(value, Tensor) and value.dim():
+        return f"{_number(value.min()):g}..{_number(value.max()):g}"
+    return f"{_number(value):g}"
