@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from conftest import Outcome
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from training_bodies import EVERY, Scaled, lifted, recorded, starts
 
-from pcnclaws.commands.runs import CONFIG, METRICS, WEIGHTS, load_run
+from pcnclaws.commands.runs import CONFIG, METRICS, WEIGHTS, load_run, read_config
 from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.elasticity import NeoHookean, StVKHencky
@@ -39,6 +40,7 @@ SHORT = (
     "training.segment_length.first=10",
     "training.segment_length.last=10",
 )
+CLIP = ("trainer.gradient_clip_algorithm=norm",)
 LONGER = (
     "training.iterations=8",
     "training.check_every=2",
@@ -165,12 +167,47 @@ def test_wrong_input_is_one_line_and_leaves_nothing(
         ((file, "regime.scene=1"), "regime.scene=1 is not accepted with regime=multi_scene"),
         ((file, "regime=single_scene", "regime.scene=body_9"), "regime.scene='body_9' is not known"),
         ((file, "model.width=0"), "model.width=0"),
+        ((file, "trainer.accumulate_grad_batch=2"), "did you mean 'accumulate_grad_batches'"),
+        ((file, "trainer.max_epochs=3"), "trainer.max_epochs is not accepted; accepted: training.iterations"),
+        ((file, "trainer.precision=7"), "trainer.precision=7: "),
+        ((file, "trainer.limit_val_batches=nan"), "accepted: finite numbers"),
+        ((file, "callbacks.early_stopping.patience=0"), "callbacks.early_stopping.patience=0 is not accepted"),
+        ((file, "logger=tensorbord"), "did you mean 'tensorboard'"),
+        ((file, "logger.name=mlflow"), "logger.name='mlflow' is not known; accepted: csv, tensorboard, wandb"),
     ):
         done = in_process(train, "train", *SMALL, *SHORT, *option, "output=run")
         assert done.status == 2, (option, done)
         assert message in done.err
         assert len(done.err.splitlines()) == 1, done.err
         assert not (tmp_path / "run").exists(), option
+
+
+def test_lightnings_own_options_reach_its_trainer(
+    in_process: Callable[..., Outcome], positions_only: Path, tmp_path: Path
+) -> None:
+    """A minute improvement is none, so that the second validation without a better one ends the training."""
+    early = ("callbacks=early_stopping", "callbacks.early_stopping.patience=2", "callbacks.early_stopping.min_delta=1")
+    options = (*SMALL, *LONGER, f"data.trajectories={positions_only}", *early, "logger=csv", "logger.every=1")
+    done = in_process(train, "train", *options, *CLIP, "output=run")
+    assert done.status == 0, done.err
+    folder = tmp_path / "run"
+    metrics = json.loads((folder / METRICS).read_text())
+    assert metrics["history"]["check_iteration"] == [2, 4, 6]
+    assert metrics["training"]["iterations"] == 6
+    header, *rows = (folder / "csv" / "metrics.csv").read_text().splitlines()
+    assert "loss" in header
+    assert len(rows) >= 6
+    assert not (folder / "tensorboard").exists()
+    assert read_config(folder)["trainer"]["gradient_clip_algorithm"] == "norm"
+    assert "holds this run, finished" in in_process(train, "train", *options, "output=run", *CLIP).out
+
+
+def test_a_logger_that_is_not_installed_says_how_to_get_it(in_process: Callable[..., Outcome]) -> None:
+    if find_spec("wandb") is not None:
+        pytest.skip("wandb is installed")
+    done = in_process(train, "train", "logger=wandb")
+    assert done.status == 2
+    assert "logger=wandb needs 'pip install pcnclaws[wandb]'; accepted without it: tensorboard, csv" in done.err
 
 
 def test_a_training_that_makes_nothing_better_says_so(in_process: Callable[..., Outcome], tmp_path: Path) -> None:

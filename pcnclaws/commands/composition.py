@@ -23,7 +23,7 @@ from omegaconf.errors import OmegaConfBaseException
 import pcnclaws
 from pcnclaws.commands.choices import is_choice, offer_choices
 from pcnclaws.commands.folder_names import FolderNames, folder_names
-from pcnclaws.commands.options import check_options, leaves, unknown_option
+from pcnclaws.commands.options import OPEN_GROUPS, check_options, leaves, unknown_option
 from pcnclaws.commands.typed import typed
 from pcnclaws.commands.typed_configs import CONFIGS
 from pcnclaws.commands.unused_options import check_unused
@@ -52,7 +52,7 @@ def compose_config(entry: str, overrides: Sequence[str] = ()) -> Any:
     raises  UserError for whatever the command would refuse
     """
     register_resolvers()
-    overrides = as_group_choices(overrides)
+    overrides = as_hydra_reads_them(overrides)
     try:
         offer_choices(overrides)
         return checked(entry, _compose(entry, overrides), overrides)
@@ -60,9 +60,9 @@ def compose_config(entry: str, overrides: Sequence[str] = ()) -> Any:
         raise explain(entry, overrides, error) from error
 
 
-def as_group_choices(overrides: Sequence[str]) -> list[str]:
-    """The overrides with `simulation.skip=none` as the choice of the group simulation/skip that it is."""
-    return [_as_group_choice(override) for override in overrides]
+def as_hydra_reads_them(overrides: Sequence[str]) -> list[str]:
+    """The overrides with `simulation.skip=none` as the choice of a group, and those of an open group as additions."""
+    return [_as_addition(_as_group_choice(override)) for override in overrides]
 
 
 def checked(entry: str, config: DictConfig, overrides: Sequence[str], swept: Collection[str] = ()) -> Any:
@@ -162,6 +162,10 @@ def _as_group_choice(override: str) -> str:
         if word not in SWITCH_WORDS:
             raise unknown_name("simulation.skip", word, SWITCH_WORDS)
     return f"simulation/skip={match['words']}"
+
+
+def _as_addition(override: str) -> str:
+    return f"++{override}" if override.startswith(OPEN_GROUPS) else override
 
 
 def _compose(entry: str, overrides: Sequence[str]) -> DictConfig:

@@ -31,7 +31,7 @@ from pcnclaws.commands.choices import offer_choices
 from pcnclaws.commands.composition import (
     CONFIG_ERRORS,
     HYDRA_VERSION_BASE,
-    as_group_choices,
+    as_hydra_reads_them,
     checked,
     conf_folder,
     explain,
@@ -78,7 +78,7 @@ def run(task: Task, entry: str, arguments: Sequence[str]) -> int:
 def _run(jobs: "Jobs", arguments: Sequence[str]) -> None:
     try:
         flags, overrides = _split(arguments)
-        jobs.overrides = overrides = as_group_choices(overrides)
+        jobs.overrides = overrides = as_hydra_reads_them(overrides)
         offer_choices(overrides)
         jobs.swept = swept_options(overrides)
         with tempfile.TemporaryDirectory() as sweep_folder:

@@ -27,6 +27,8 @@ FREE_OPTIONS = (
     "simulation.backend",
     "simulation.skip",
 )
+# Groups whose names are those of a library, which refuses the others: see training/loop.py.
+OPEN_GROUPS = ("trainer.",)
 # At most so many names are listed when an option is not known.
 LISTED = 12
 
@@ -51,6 +53,9 @@ def check_options(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> Non
     A default of None says nothing about the kind; numbers are finite there too.
     """
     for option, value in values.items():
+        if option not in defaults and option.startswith(OPEN_GROUPS):
+            _require_kind(option, value, None)
+            continue
         if option not in defaults:
             raise unknown_option(option, defaults)
         if value not in WORDS.get(option, ()):

@@ -29,7 +29,7 @@ CONFIG, WEIGHTS, METRICS, CHECKPOINTS, EVENTS = (
     "weights.safetensors",
     "metrics.json",
     "checkpoints",
-    "tensorboard",
+    ("tensorboard", "csv", "wandb"),
 )
 PRETRAINED = Path(pcnclaws.__file__).parent / "pretrained"
 
@@ -188,7 +188,7 @@ def _is_foreign(entry: Path) -> bool:
 
 def _clear(folder: Path) -> None:
     """Removes what a run leaves in its folder, and nothing else."""
-    for name in (CHECKPOINTS, EVENTS):
+    for name in (CHECKPOINTS, *EVENTS):
         shutil.rmtree(folder / name, ignore_errors=True)
     for entry in folder.iterdir():
         if entry.is_file() and entry.suffix in (".png", ".gif", PARTIAL_SUFFIX, ".safetensors", ".json", ".yaml"):

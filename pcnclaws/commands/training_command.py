@@ -24,7 +24,7 @@ from pcnclaws.commands.options import is_free, leaves
 from pcnclaws.commands.outputs import check_ending
 from pcnclaws.commands.runs import METRICS, WEIGHTS, is_finished, run_errors, start_run
 from pcnclaws.commands.training_report import Report, against_untrained, write_report
-from pcnclaws.commands.training_setup import Setup, check_training, regime_from, setup
+from pcnclaws.commands.training_setup import Setup, check_training, loop_from, regime_from, setup
 from pcnclaws.commands.training_start import settled_start
 from pcnclaws.commands.typed import plain
 from pcnclaws.commands.typed_configs import TrainConfig
@@ -82,7 +82,7 @@ def _train(config: TrainConfig) -> None:
         prepared.data,
         folder,
         device_from(config.device),
-        log_every=whole_number(config.logger.every, "logger.every"),
+        loop_from(config),
         console=console,
         clock=prepared.clock,
     )
@@ -104,7 +104,8 @@ def _train(config: TrainConfig) -> None:
     )
     write_report(report, config.seed, config.picture, console)
     shown = {option: value for option, value in leaves(options) if not is_free(option)}
-    log_hyperparameters(folder, shown, run_errors(folder))
+    if config.logger.name == "tensorboard":
+        log_hyperparameters(folder, shown, run_errors(folder))
 
 
 def untrained_model(config: TrainConfig) -> Model:
@@ -162,6 +163,7 @@ def _notes(config: TrainConfig, scenes: TrainingScenes, fitted: FitResult) -> di
 
 
 def _iterations(config: TrainConfig, fitted: FitResult) -> int:
-    """How many were done: all of them, unless the clock ended the training."""
-    by_clock = config.training.seconds is not None and fitted.history.check_iteration
-    return fitted.history.check_iteration[-1] if by_clock else config.training.iterations
+    """How many were done: all of them, unless the clock or a callback ended the training."""
+    may_end = config.training.seconds is not None or config.callbacks.early_stopping.patience is not None
+    checks = fitted.history.check_iteration
+    return checks[-1] if may_end and checks else config.training.iterations

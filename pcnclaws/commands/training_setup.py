@@ -11,6 +11,7 @@ from pcnclaws.data.segments import SegmentPlan
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.simulation.motion import Model, MotionModel
 from pcnclaws.training.budget import WallClock
+from pcnclaws.training.loop import Loop
 from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
 from pcnclaws.training.one_step import OneStepModule
@@ -49,6 +50,27 @@ def check_training(config: TrainConfig) -> None:
     _optimiser(config)
     _budget(config)
     _noise(config)
+    loop_from(config)
+
+
+def loop_from(config: TrainConfig) -> Loop:
+    """The settings of `trainer.*`, `callbacks.*` and `logger.*`."""
+    early = config.callbacks.early_stopping
+    patience = early.patience
+    if patience is not None:
+        patience = whole_number(patience, "callbacks.early_stopping.patience")
+    if early.min_delta is not None and not isinstance(early.min_delta, (int, float)):
+        raise UserError(
+            f"callbacks.early_stopping.min_delta={early.min_delta} is not accepted; accepted: a number from 0 [m^2]"
+        )
+    return Loop(
+        trainer={name: value for name, value in config.trainer.items() if value is not None},
+        logger=config.logger.name,
+        log_every=whole_number(config.logger.every, "logger.every"),
+        project=config.logger.project,
+        patience=patience,
+        min_delta=float(early.min_delta or 0.0),
+    )
 
 
 def setup(config: TrainConfig, model: Model, scenes: TrainingScenes) -> Setup:

@@ -146,10 +146,26 @@ class Training:
 
 
 @dataclass(frozen=True)
-class Logger:
+class EarlyStopping:
+    """`callbacks.early_stopping.*`."""
+
+    patience: Unchecked
+    min_delta: Unchecked
+
+
+@dataclass(frozen=True)
+class Callbacks:
+    """`callbacks.*`."""
+
+    early_stopping: EarlyStopping
+
+
+@dataclass(frozen=True)
+class Logger(Named):
     """`logger.*`."""
 
     every: int
+    project: str | None = None
 
 
 @dataclass(frozen=True)
@@ -233,6 +249,8 @@ class TrainConfig(GenerateConfig):
     model: Mapping[str, Any]
     regime: Regime
     training: Training
+    trainer: Mapping[str, Unchecked]
+    callbacks: Callbacks
     logger: Logger
     name: str
     overwrite: bool

@@ -37,6 +37,8 @@ OF_FITTING = (
     "training.seconds",
     "training.noise",
     "logger.every",
+    "trainer.*",
+    "callbacks.*",
 )
 OF_GENERATED_DATA = (
     "scene.*",

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from lightning.pytorch import Trainer
-from lightning.pytorch.loggers import TensorBoardLogger
 from rich.console import Console
 
 from pcnclaws.data.datamodule import CheckedDataModule
@@ -17,11 +15,14 @@ from pcnclaws.errors import Interrupted, SimulationDiverged, is_full
 from pcnclaws.training.budget import WallClock
 from pcnclaws.training.callbacks import BestWeights, CheckpointEachCheck, History
 from pcnclaws.training.checkpoints import LAST, AtomicCheckpointIO, newest_checkpoint
+from pcnclaws.training.loop import Loop
 from pcnclaws.training.progress import TrainingProgress
 from pcnclaws.training.watched import WatchedModule
 from pcnclaws.training.weights import law_weights
 
 log = logging.getLogger(__name__)
+
+DEFAULT_LOOP = Loop()
 
 
 @dataclass(frozen=True)
@@ -42,8 +43,8 @@ def fit(
     data: CheckedDataModule,
     folder: Path,
     device: torch.device,
+    loop: Loop = DEFAULT_LOOP,
     *,
-    log_every: int = 10,
     console: Console | None = None,
     clock: WallClock | None = None,
 ) -> FitResult:
@@ -51,8 +52,7 @@ def fit(
 
     A run whose gradients cease to be finite keeps what its best check found.
 
-    folder    the run folder: checkpoints/ and tensorboard/ are written there, and an unfinished run is continued
-    log_every iterations from one TensorBoard entry to the next
+    folder    the run folder: checkpoints and what the logger keeps go there, and an unfinished run is continued
     clock     what may end the run before its iterations do
     raises    SimulationDiverged if no check of the run was finite
     """
@@ -64,16 +64,16 @@ def fit(
     checkpoint = newest_checkpoint(checkpoints)
     clock = clock or WallClock(None)
     progress = TrainingProgress(data.iterations, console, clock)
-    trainer = Trainer(
+    trainer = loop.made_trainer(
         accelerator="gpu" if device.type == "cuda" else "cpu",
         devices=1,
         plugins=[AtomicCheckpointIO()],
         max_epochs=data.epochs,
         gradient_clip_val=module.gradient_clip,
-        logger=TensorBoardLogger(folder, name="tensorboard", version=""),
-        log_every_n_steps=min(log_every, data.check_every),
+        logger=loop.made_logger(folder),
+        log_every_n_steps=min(loop.log_every, data.check_every),
         num_sanity_val_steps=0,
-        callbacks=[history, best, clock, CheckpointEachCheck(checkpoints), progress],
+        callbacks=[history, best, clock, *loop.made_callbacks(), CheckpointEachCheck(checkpoints), progress],
         enable_checkpointing=True,
         enable_progress_bar=False,
         enable_model_summary=False,
@@ -82,6 +82,7 @@ def fit(
     with warnings.catch_warnings():
         # a batch is made in a millisecond: worker processes would cost more than they save
         warnings.filterwarnings("ignore", message=".*does not have many workers.*")
+        warnings.filterwarnings("ignore", message="Experiment logs directory .* exists and is not empty.*")  # goes on
         warnings.filterwarnings("ignore", message=".*treespec, LeafSpec.*")  # Lightning's own business
         try:
             with interruptible(checkpoints):

@@ -110,7 +110,7 @@ def test_what_a_library_cannot_write_is_one_line_too(in_process: Callable[..., O
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_standard_output_is_one_line_too(tmp_path: Path) -> None:
-    code = "from pcnclaws import launcher; launcher.main(lambda config: print('x'), 'simulate')"
+    code = "from pcnclaws.commands import launcher; launcher.main(lambda config: print('x'), 'simulate')"
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             [sys.executable, "-c", code], cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True
