@@ -142,7 +142,7 @@ class Stability:
 def stability_of(scene: SceneStart) -> Stability:
     """The stability of the time step of a scene: that of its least stable particle."""
     settings = scene.lightest
-    speed = largest_speed(scene.position, scene.velocity, settings.gravity, settings.wall_distance)
+    speed = largest_speed(scene.position, scene.velocity, settings)
     one = Stability(settings, scene.parameters, speed, scene.material)
     if not scene.varying:
         return one
