@@ -108,7 +108,7 @@ vary_several_bodies := bodies
 vary_graded_body := x
 define estimated_parts
 $(SEEN)/$(1).h5: | $(INSTALLED)
-	$(VENV)/bin/python docs/examples/parts.py $(SEEN)
+	$(VENV)/bin/python -m benchmarks.parts $(SEEN)
 $(ESTIMATES)/$(1)/analytic.json: | $(SEEN)/$(1).h5
 	$$(RUN) pcnclaws.estimate material=elasticity law=analytic observation.file=$(SEEN)/$(1).h5 vary=$(vary_$(1)) \
 		threads=1 trajectory=false output=$(SEEN)/$(1)/analytic.json

@@ -15,19 +15,23 @@ if TYPE_CHECKING:
     from pcnclaws.interface.scene import Scene, simulate_scenes
     from pcnclaws.interface.settings import Settings
     from pcnclaws.laws.base import Elasticity, Law, Plasticity
-    from pcnclaws.laws.constitutive_model import ConstitutiveModel, analytic_law
+    from pcnclaws.laws.constitutive_model import ConstitutiveModel, analytic_law, neural_law
     from pcnclaws.laws.materials import Material
     from pcnclaws.laws.parameters import Parameter
     from pcnclaws.laws.registry import Network, register
+    from pcnclaws.mpm.colliders import Collider
+    from pcnclaws.mpm.loads import Load
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Body",
     "CannotWrite",
+    "Collider",
     "ConstitutiveModel",
     "Elasticity",
     "Law",
+    "Load",
     "Material",
     "Motion",
     "Network",
@@ -39,6 +43,7 @@ __all__ = [
     "UserError",
     "analytic_law",
     "load_law",
+    "neural_law",
     "register",
     "simulate_scenes",
 ]
@@ -46,9 +51,11 @@ __all__ = [
 _MODULES = {
     "Body": "geometry.body",
     "CannotWrite": "errors",
+    "Collider": "mpm.colliders",
     "ConstitutiveModel": "laws.constitutive_model",
     "Elasticity": "laws.base",
     "Law": "laws.base",
+    "Load": "mpm.loads",
     "Material": "laws.materials",
     "Motion": "interface.motion",
     "Network": "laws.registry",
@@ -60,6 +67,7 @@ _MODULES = {
     "UserError": "errors",
     "analytic_law": "laws.constitutive_model",
     "load_law": "commands.law_loading",
+    "neural_law": "laws.constitutive_model",
     "register": "laws.registry",
     "simulate_scenes": "interface.scene",
 }

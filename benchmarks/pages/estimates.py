@@ -26,7 +26,7 @@ WAYS = {
     "markers": "analytic law, 100 markers",
     "mismatched": "analytic law, 100 markers of a finer simulation",
 }
-# Of the example docs/examples/parts.py.
+# Of benchmarks/parts.py.
 TRUTHS = {
     "several_bodies": {
         "youngs_modulus[body_0]": 1.0e5,

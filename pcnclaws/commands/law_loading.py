@@ -15,6 +15,10 @@ def load_law(source: str | Path) -> ConstitutiveModel:
     source  the name of a material, or the path of a run folder
     raises  UserError where there is no such law, or its files are damaged
     """
+    if not isinstance(source, str | Path):
+        raise UserError(
+            f"law={source!r} is not accepted; accepted: the name of a material, or the path of a run folder"
+        )
     folder = Path(source)
     if str(source) in MATERIALS:
         folder = shipped_folder(MATERIALS[str(source)])

@@ -35,7 +35,12 @@ def _trajectory(path: Path, record: SceneRecord, frame: int) -> None:
 
 def _arrays(path: Path, record: SceneRecord, frame: int) -> None:
     whole = {"time": record.time, "position": record.position, "volume": record.volume}
-    optional = {"velocity": record.velocity, "deformation": _deformation(record), "density": record.density}
+    optional = {
+        "velocity": record.velocity,
+        "deformation": _deformation(record),
+        "density": record.density,
+        "impulses": record.impulses,
+    }
     arrays = whole | {name: values for name, values in optional.items() if values is not None}
     arrays |= {name: np.array(value) for name, value in record.parameters.items()}
     with replaced_file(path) as part:

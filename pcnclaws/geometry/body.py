@@ -65,6 +65,7 @@ class Body:
         side    edge of the cube, diameter of the sphere, edge of the box that another shape is defined in [m]
         raises  UserError, with the nearest known name
         """
+        _require_numbers(centre, side, particles_per_edge)
         return cls(name, particles(name, centre, side, particles_per_edge, lattice), centre)
 
     @classmethod
@@ -91,6 +92,7 @@ class Body:
         name = Path(source).stem if isinstance(source, str | Path) else "mesh"
         side = surface.unit if side is None else side
         middle: Point = surface.middle.tolist() if centre is None else centre
+        _require_numbers(middle, side, particles_per_edge)
         per_edge = _per_edge(spacing, particles_per_edge, side, lattice)
         return cls(name, surface_particles(surface, middle, side, per_edge, lattice), middle)
 
@@ -177,15 +179,29 @@ def _surface(source: str | Path | tuple[Array, Array]) -> ClosedSurface:
     return closed_surface(vertices, faces, "(vertices, faces)")
 
 
+def _require_numbers(centre: Any, side: Any, particles_per_edge: Any) -> None:
+    """Refuses what is no number; its range is looked at elsewhere."""
+    if not _is_number(side):
+        raise UserError(f"scene.side={side} is not accepted; accepted: above 0 m")
+    if isinstance(centre, str) or not isinstance(centre, Sequence) or not all(map(_is_number, centre)):
+        raise UserError(f"scene.centre={centre} is not accepted; accepted: three finite numbers [m]")
+    if particles_per_edge is not None and (not _is_number(particles_per_edge) or isinstance(particles_per_edge, float)):
+        raise UserError(f"scene.particles_per_edge={particles_per_edge} is not accepted; accepted: a whole number")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, float | int) and not isinstance(value, bool)
+
+
 def _per_edge(spacing: float | int | None, particles_per_edge: int | None, side: float | int, lattice: str) -> int:
     """Particles along the longest edge of a mesh."""
     if spacing is None:
         return 10 if particles_per_edge is None else particles_per_edge
     if particles_per_edge is not None:
         raise UserError(f"spacing={spacing} and particles_per_edge={particles_per_edge} are two; accepted: one of them")
-    if not (math.isfinite(spacing) and side / MAXIMUM_PARTICLES_PER_EDGE <= spacing <= side):
+    if not (_is_number(spacing) and math.isfinite(spacing) and side / MAXIMUM_PARTICLES_PER_EDGE <= spacing <= side):
         raise UserError(
-            f"spacing={spacing:g} is not accepted; accepted: {side / MAXIMUM_PARTICLES_PER_EDGE:.3g} to {side:.3g} m, "
+            f"spacing={spacing} is not accepted; accepted: {side / MAXIMUM_PARTICLES_PER_EDGE:.3g} to {side:.3g} m, "
             "the longest edge of the body"
         )
     cells = math.ceil(side / spacing * (1.0 - 1e-9))

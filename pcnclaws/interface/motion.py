@@ -25,6 +25,7 @@ class Motion:
     position     [m], (frames, particles, 3)
     velocity     [m/s], (frames, particles, 3)
     deformation  elastic deformation gradient F [-], (frames, particles, 3, 3), None unless it was asked for
+    impulses     of each collider on the body since the start [N s], (frames, colliders, 3), always double precision
     record       the same as NumPy arrays, with the settings and parameters of the scene
     """
 
@@ -32,6 +33,7 @@ class Motion:
     position: Float[Tensor, "frames particles 3"]
     velocity: Float[Tensor, "frames particles 3"]
     deformation: Float[Tensor, "frames particles 3 3"] | None
+    impulses: Float[Tensor, "frames colliders 3"]
 
     def __init__(self, record: SceneRecord, device: torch.device | str = "cpu", varying: tuple[str, ...] = ()) -> None:
         """varying: parameters that differ between the particles, which the record does not hold."""
@@ -45,6 +47,8 @@ class Motion:
         self.time, self.position, self.velocity = (
             tensor(values) for values in (record.time, record.position, record.velocity)
         )
+        impulses = np.zeros((len(record.time), 0, 3)) if record.impulses is None else record.impulses
+        self.impulses = tensor(impulses)
         self.deformation = None if record.keyframes is None else tensor(record.keyframes.deformation)
 
     def __len__(self) -> int:

@@ -42,7 +42,12 @@ def precision_of(
 
 
 def _floating(given: Iterable[Any]) -> list[Tensor]:
-    return [one for one in given if isinstance(one, Tensor) and one.is_floating_point()]
+    """The tensors among given things, those of colliders and loads among them."""
+    found: list[Any] = []
+    for thing in given:
+        of_several = thing if isinstance(thing, tuple | list) else ()
+        found += [thing, *(tensor for one in of_several if hasattr(one, "tensors") for tensor in one.tensors())]
+    return [one for one in found if isinstance(one, Tensor) and one.is_floating_point()]
 
 
 def _device(device: str | torch.device) -> torch.device:

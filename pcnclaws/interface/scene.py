@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import torch
@@ -20,11 +20,13 @@ from pcnclaws.interface.settings import Settings, whole_number
 from pcnclaws.laws.constitutive_model import ConstitutiveModel
 from pcnclaws.laws.given_values import Value, checked_values, of_particles
 from pcnclaws.laws.training_ranges import outside_training_data
+from pcnclaws.mpm.colliders import Collider
+from pcnclaws.mpm.loads import Load
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.batch import SceneBatch, batch_scenes
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.particle_spacing import warn_of_sparse_particles
-from pcnclaws.simulation.placement import require_inside
+from pcnclaws.simulation.placement import require_inside, require_volume
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.rollout import positions_at
@@ -34,9 +36,10 @@ from pcnclaws.simulation.time_step import stability_of
 
 log = logging.getLogger(__name__)
 
+Kind = TypeVar("Kind")
 Vector: TypeAlias = Sequence[float | int] | Tensor | np.ndarray
 NOTHING = (0.0, 0.0, 0.0)
-OPTIONS = ("body", "law", "velocity", "spin", "settings", "name")
+OPTIONS = ("body", "law", "velocity", "spin", "settings", "colliders", "loads", "name")
 
 
 class Scene:
@@ -47,13 +50,15 @@ class Scene:
     velocity    initial velocity [m/s], (3,) or one a particle (particles, 3)
     spin        rigid rotation about the centre of the body that is added [rad/s], (3,)
     settings    see Settings; None: the paper's
+    colliders   obstacles, which act in this order, after the walls; see Collider
+    loads       forces and accelerations on parts of the body; see Load
     name        of the scene in messages and files, the body's unless given
     parameters  physical parameters by name: a number, a tensor of one value, or one value a particle; those that are
                 missing are in the middle of the law's ranges
     raises      UserError for unknown names with the nearest known one, for values that are not accepted, and for a body
-                outside of the domain
+                outside of the domain or in a collider
 
-    Velocity, spin and parameters may be tensors that require gradients.
+    Velocity, spin, parameters and the numbers of colliders and loads may be tensors that require gradients.
     """
 
     def __init__(
@@ -64,19 +69,31 @@ class Scene:
         velocity: Vector = NOTHING,
         spin: Vector = NOTHING,
         settings: Settings | None = None,
+        colliders: Sequence[Collider] = (),
+        loads: Sequence[Load] = (),
         name: str | None = None,
         **parameters: Value,
     ) -> None:
-        self.body, self.law, self.settings = body, law, settings or Settings()
+        settings = Settings() if settings is None else settings
+        for one, given, kind in (
+            ("body", body, Body),
+            ("law", law, ConstitutiveModel),
+            ("settings", settings, Settings),
+        ):
+            if not isinstance(given, kind):
+                raise UserError(f"scene.{one}={given!r} is not accepted; accepted: a {kind.__name__}")
+        self.body, self.law, self.settings = body, law, settings
         self.name = body.name if name is None else name
+        self.colliders, self.loads = _all("colliders", colliders, Collider), _all("loads", loads, Load)
         self._given = {"velocity": velocity, "spin": spin, "settings": self.settings, "name": name, **parameters}
+        self._given |= {"colliders": self.colliders, "loads": self.loads}
         middle = {one: 0.5 * (low + high) for one, (low, high) in law.ranges.items()}
         self._values = middle | checked_values(parameters, law.physical_parameters, (len(body),), OPTIONS)
         self._velocity, self._affine = body.start_motion(
             _vector("velocity", velocity, ((3,), (len(body), 3))), _vector("spin", spin, ((3,),))
         )
         self._start = self._checked_start()
-        self._said: set[str] = set()
+        self._said: set[object] = set()
 
     @property
     def parameters(self) -> dict[str, float | Tensor]:
@@ -99,9 +116,11 @@ class Scene:
         return stability_of(self._start).longest_time_step
 
     def with_(self, **changes: Any) -> "Scene":
-        """The scene with other arguments: body, law, velocity, spin, settings, name, or parameters."""
+        """The scene with other arguments: body, law, velocity, ..., or parameters."""
         arguments = {"body": self.body, "law": self.law} | self._given | changes
-        return Scene(**arguments)
+        scene = Scene(**arguments)
+        scene._said = self._said  # a loop hears once of what is doubtful
+        return scene
 
     def simulate(
         self,
@@ -137,12 +156,12 @@ class Scene:
 
         Gradients reach whatever tensor requires them: `tensors`, what the scene was given, the weights of its law.
 
-        tensors  parameters or `velocity`, `spin` instead of those of the scene, as in `with_`
+        tensors  parameters, `velocity`, `spin`, `colliders`, `loads` instead of those of the scene, as in `with_`
         dtype    None: that of the tensors, those that are given here before those of the scene, else torch.float32
         raises   as simulate
         """
-        scene = self._changed(**tensors) if tensors else self
-        precision = precision_of(dtype, device, list(tensors.values()), scene._tensors())
+        scene = self.with_(**tensors) if tensors else self
+        precision = precision_of(dtype, device, tensors.values(), scene._tensors())
         return scene._positions(steps, every, precision)
 
     def sensitivity(
@@ -166,20 +185,12 @@ class Scene:
         value = torch.as_tensor(self._values[name], dtype=precision.dtype, device=precision.device).detach()
         with torch.no_grad(), forward_ad.dual_level():
             dual = forward_ad.make_dual(value, torch.ones_like(value))
-            found, derivative = forward_ad.unpack_dual(
-                self._changed(**{name: dual})._positions(steps, every, precision)
-            )
+            found, derivative = forward_ad.unpack_dual(self.with_(**{name: dual})._positions(steps, every, precision))
             return torch.zeros_like(found) if derivative is None else derivative
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name}={_shown(value)}" for name, value in self._values.items())
         return f"Scene({self.name!r}, {len(self.body)} particles, {self.law.material.name}: {values})"
-
-    def _changed(self, **changes: Any) -> "Scene":
-        """As with_, for one call: a loop of calls hears once of what is doubtful."""
-        scene = self.with_(**changes)
-        scene._said = self._said
-        return scene
 
     def _positions(self, steps: int, every: int, precision: Precision) -> Float[Tensor, "frames particles 3"]:
         _check_frames(steps, every)
@@ -200,7 +211,8 @@ class Scene:
 
     def _require_physical(self, position: Tensor, steps: int, every: int, precision: Precision) -> None:
         """Raises the error that names step and particle where positions are not finite or outside of the domain."""
-        if bool(((position >= 0.0) & (position <= 1.0)).all()):
+        low, high = (position.new_tensor(corner) for corner in self._start.settings.limits)
+        if bool(((position >= low) & (position <= high)).all()):
             return
         with torch.no_grad():
             self.simulate(steps, every, precision.dtype, precision.device)
@@ -211,13 +223,15 @@ class Scene:
         return [*self._given.values(), *(weight for weight in self.law.parameters() if weight.requires_grad)]
 
     def _checked_start(self) -> SceneStart:
-        settings, density = self.settings.simulation, self.body.cloud.density
+        settings = replace(self.settings.simulation, colliders=self.colliders, loads=self.loads)
+        density, what = self.body.cloud.density, f"body '{self.body.name}'"
         if density is not None and settings.density != SimulationSettings.density:
             raise UserError(
                 f"simulation.density={settings.density:g} has no effect on particles that bring their density; "
                 "accepted: one of the two"
             )
-        require_inside(self.body.cloud.position, settings, f"body '{self.body.name}'")
+        require_volume(self.body.cloud.volume, settings, what)
+        require_inside(self.body.cloud.position, settings, what)
         varying = {
             name: value.detach().double().cpu().numpy()
             for name, value in self._values.items()
@@ -241,18 +255,23 @@ class Scene:
         return replace(start, settings=replace(settings, time_step=stability_of(start).automatic_time_step))
 
     def _check_run(self) -> None:
-        """Refuses an unstable time step; says once what is doubtful."""
-        stability = stability_of(self._start)
-        if self._said and stability.is_stable:
-            return
-        stability.check()
-        self._said.add("checked")
-        warn_of_sparse_particles([self._start])
-        check_spacing(f"body '{self.body.name}'", self._start.position, self._start.volume)
-        of_particles = self._start.of_particles()
-        extremes = [{name: float(end(one)) for name, one in of_particles.items()} for end in (np.min, np.max)]
-        if self.law.source != "analytic" and (line := outside_training_data(self.law.ranges, extremes)):
+        """Refuses an unstable time step; says what is doubtful, once of a scene and of all that `with_` makes of it."""
+        start, stability = self._start, stability_of(self._start)
+        if not stability.is_stable or self._is_new("time step", start.settings.time_step):
+            stability.check()
+        if self._is_new("particles", self.body, start.settings.grid_spacing):
+            warn_of_sparse_particles([start])
+            check_spacing(f"body '{self.body.name}'", start.position, start.volume)
+        each = start.of_particles()
+        extremes = [{name: float(end(values)) for name, values in each.items()} for end in (np.min, np.max)]
+        line = outside_training_data(self.law.ranges, extremes) if self.law.is_trained else None
+        if line and self._is_new("parameters", self.law, line):
             log.warning("law=%s: %s", self.law.source, line)
+
+    def _is_new(self, *said: object) -> bool:
+        new = said not in self._said
+        self._said.add(said)
+        return new
 
 
 def simulate_scenes(
@@ -302,6 +321,15 @@ def _names(scenes: Sequence[Scene]) -> list[str]:
     """The names of the scenes, numbered where two are the same."""
     names = [scene.name for scene in scenes]
     return [f"{name}_{k}" if names.count(name) > 1 else name for k, name in enumerate(names)]
+
+
+def _all(name: str, given: Any, kind: type[Kind]) -> tuple[Kind, ...]:
+    """Given things of one kind."""
+    things = tuple(given) if isinstance(given, Sequence) else (given,)
+    for thing in things:
+        if not isinstance(thing, kind):
+            raise UserError(f"scene.{name} holds {thing!r}; accepted: a list, each a {kind.__name__}")
+    return things
 
 
 def _vector(name: str, value: Vector, shapes: Sequence[tuple[int, ...]]) -> Tensor:

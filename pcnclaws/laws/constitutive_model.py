@@ -7,12 +7,12 @@ from typing import TypeVar
 import torch
 from torch import Tensor, nn
 
-from pcnclaws.compiled.calls import in_function_transform
 from pcnclaws.errors import UserError
 from pcnclaws.laws.analytic import Laws, analytic_laws
 from pcnclaws.laws.base import Law
 from pcnclaws.laws.given_values import Value, checked_values, of_particles, require_values
 from pcnclaws.laws.materials import Material, material_named
+from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.laws.parameters import Parameter
 
 LawKind = TypeVar("LawKind", bound=Law)
@@ -22,12 +22,13 @@ PRECISIONS = (torch.float32, torch.float64)
 class ConstitutiveModel(nn.Module):
     """Constitutive model: a material and the two laws that answer for it, analytic or neural.
 
-    A module of PyTorch: `law.parameters()` are the weights of its networks, none of an analytic law; those of a law
-    that was trained are frozen until `law.requires_grad_()`.
+    Made by analytic_law, load_law and neural_law. A module of PyTorch: `law.parameters()` are the weights of its
+    networks, none of an analytic law; those of a law that was loaded are frozen until `law.requires_grad_()`.
 
     material   whose parameters the laws take
-    ranges     span of each physical parameter: in the training data of a neural law, else in that of the material
-    source     what the law is called in messages: analytic, or where its weights come from
+    ranges     span of each physical parameter in the training data of the law; None: it was not trained, and they are
+               those of the material
+    source     what the law is called in messages
     """
 
     def __init__(
@@ -38,7 +39,7 @@ class ConstitutiveModel(nn.Module):
         source: str = "analytic",
     ) -> None:
         super().__init__()
-        self.material, self.source = material, source
+        self.material, self.source, self.is_trained = material, source, ranges is not None
         self.ranges = dict(material.ranges if ranges is None else ranges)
         self.elasticity, self.plasticity = laws
 
@@ -110,13 +111,24 @@ def analytic_law(material: str | Material) -> ConstitutiveModel:
     return ConstitutiveModel(known, analytic_laws(known))
 
 
+def neural_law(material: str | Material, network: str = "pcnclaws", width: int | None = None) -> ConstitutiveModel:
+    """The untrained neural law of a material, whose weights require gradients: the structure around the networks.
+
+    The weights are drawn by PyTorch: torch.manual_seed makes them the same again.
+    network  the name of a registered network: pcnclaws, pcnclaws_free_flow, pcnclaws_no_prior, pcnclaws_paper
+    width    of the hidden layers, the network's own unless given
+    raises   UserError for unknown names, with the nearest known one
+    """
+    known = material if isinstance(material, Material) else material_named(material)
+    laws = build_neural_laws(known, {"name": network} if width is None else {"name": network, "width": width})
+    return ConstitutiveModel(known, laws, source=network)
+
+
 def _require_deformation(given: Tensor) -> None:
     """Refuses what no law can answer: another kind or shape, or a body that is turned inside out."""
     if not isinstance(given, Tensor) or given.dtype not in PRECISIONS or given.shape[-2:] != (3, 3):
         what = f"a tensor {tuple(given.shape)} of {given.dtype}" if isinstance(given, Tensor) else type(given).__name__
         raise UserError(f"F is {what}; accepted: a tensor (..., 3, 3) of torch.float32 or torch.float64")
-    if in_function_transform():
-        return
     determinant = torch.linalg.det(given.detach()).reshape(-1)
     wrong = (~((determinant > 0.0) & torch.isfinite(determinant))).nonzero()
     if len(wrong):

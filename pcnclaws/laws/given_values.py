@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pcnclaws.compiled.calls import in_function_transform
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.laws.parameters import Parameter
 
@@ -20,8 +19,7 @@ def checked_values(
 ) -> dict[str, float | Tensor]:
     """Given values of physical parameters, each a number, a tensor () or a tensor of the shape of the particles.
 
-    Tensors stay as they are in precision, place and derivatives. Inside of a function transform of PyTorch their values
-    are not looked at.
+    Tensors stay as they are in precision, place and derivatives.
     known   the parameters that are accepted
     shape   of the particles: a value for each of them has it
     others  further names of the call, for the message
@@ -64,9 +62,8 @@ def _checked(parameter: Parameter, value: Any, shape: tuple[int, ...]) -> float 
             f"parameters.{parameter.name} has the shape {tuple(value.shape)}; accepted: a number, a tensor of one "
             f"value, or one value a particle, {shape}"
         )
-    if not in_function_transform():
-        for extreme in _extremes(value.detach()):
-            _require_accepted(parameter, extreme)
+    for extreme in _extremes(value.detach()):
+        _require_accepted(parameter, extreme)
     return value
 
 

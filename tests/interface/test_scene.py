@@ -143,6 +143,51 @@ def test_a_batch_is_its_scenes_one_by_one():
             torch.testing.assert_close(getattr(motion, name), getattr(alone, name), rtol=0, atol=0)
 
 
+def test_obstacles_and_loads_are_those_of_the_command(in_process, tmp_path):
+    around = (
+        "scene.colliders=[{shape: plane, point: [0,0.155,0], normal: [0.1,1,0], friction: 0.3}]",
+        "scene.loads=[{low: [0,0,0], high: [1,0.2,1], force: [0,0,4]}]",
+    )
+    assert in_process(simulate, "simulate", *OPTIONS, *MOVING, *around, "picture=false", "output=c.h5").status == 0
+    floor = pc.Collider.plane(point=(0, 0.155, 0), normal=(0.1, 1, 0), friction=0.3)
+    push = pc.Load(low=(0, 0, 0), high=(1, 0.2, 1), force=(0, 0, 4))
+    motion = small(colliders=[floor], loads=[push]).simulate(60, 20)
+    commanded = read_scenes(tmp_path / "c.h5")[0]
+    np.testing.assert_array_equal(motion.position.numpy(), commanded.position[::4])
+    assert motion.impulses.shape == (4, 1, 3)
+    assert float(motion.impulses[-1, 0, 1]) > 0
+    (saved,) = read_scenes(motion.save(tmp_path / "p.h5"))
+    assert saved.settings == commanded.settings
+
+
+def test_gradients_reach_friction_and_motion_of_a_collider_and_a_load():
+    double = {"dtype": torch.float64, "requires_grad": True}
+    friction, force = torch.tensor(0.3, **double), torch.tensor((0.0, 0.0, 1.0), **double)
+    velocity = torch.tensor((0.1, 0.5, 0.0), **double)
+    scene = smallest()
+
+    def end(friction: torch.Tensor, velocity: torch.Tensor, force: torch.Tensor) -> torch.Tensor:
+        floor = pc.Collider.plane(point=(0, 0.11, 0), normal=(0, 1, 0), friction=friction, velocity=velocity)
+        push = pc.Load(low=(0, 0, 0), high=(1, 1, 1), force=force)
+        return scene.rollout(20, 20, colliders=[floor], loads=[push])[-1]
+
+    found = end(friction, velocity, force)
+    assert found.dtype == torch.float64
+    assert all(float(g.abs().max()) > 1e-5 for g in torch.autograd.grad(found.sum(), (friction, velocity, force)))
+    assert gradcheck(end, (friction, velocity, force), eps=1e-6, atol=1e-8, fast_mode=True)
+
+
+def test_domains_of_other_sizes():
+    law, body = pc.analytic_law("elasticity"), pc.Body.cube(side=2.0, centre=(5, 3, 5), particles_per_edge=5)
+    hall = pc.Settings(domain=((0, 0, 0), (10, 20, 10)), grid_spacing=0.5, wall_distance=1.0, time_step="auto")
+    fallen = pc.Scene(body, law, settings=hall, velocity=(0, -8, 0)).simulate(40, 40).position[-1]
+    assert float(fallen[:, 1].min()) > 0.7
+    free = pc.Scene(body, law, settings=pc.Settings(domain=None, grid_spacing=0.5)).simulate(1000, 1000)
+    # y0 - g dt^2 n (n + 1) / 2
+    drop = 9.8 * 5e-4**2 * 1000 * 1001 / 2
+    torch.testing.assert_close(free.position[-1], free.position[0] - torch.tensor((0, drop, 0)), rtol=0, atol=1e-4)
+
+
 def test_one_value_a_particle_is_that_value_where_all_are_the_same():
     same = small(friction_angle=torch.full((64,), 31.0), youngs_modulus=np.full(64, 3e5)).simulate(60, 60)
     torch.testing.assert_close(
@@ -207,6 +252,10 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "half": ({"dtype": torch.float16}, "torch.float32, torch.float64"),
     "device": ({"device": "tpu"}, "accepted: cpu"),
     "infinite velocity": ({"velocity": (0.0, float("inf"), 0.0)}, "scene.velocity"),
+    "body in a collider": (
+        {"colliders": [pc.Collider.sphere(centre=(0.5, 0.22, 0.5), radius=0.05)]},
+        "is inside scene.colliders[0] (sphere)",
+    ),
     "velocity of two": ({"velocity": (0.0, 1.0)}, "(2,)"),
 }
 
@@ -224,7 +273,10 @@ SETTINGS: dict[str, tuple[dict[str, Any], str]] = {
     "misspelt": ({"time_stpe": 1e-4}, "did you mean 'time_step'"),
     "no time step": ({"time_step": 0.0}, "simulation.time_step=0.0 is out of range; accepted: a positive"),
     "nan": ({"density": float("nan")}, "simulation.density=nan"),
-    "boundary": ({"boundary": "stik"}, "did you mean 'stick'"),
+    "boundary": ({"boundary": "stickie"}, "did you mean 'sticky'"),
+    "empty domain": ({"domain": ((0, 0, 0), (1, -1, 1))}, "simulation.domain"),
+    "nodes of another box": ({"domain": ((0, 0, 0), (2, 2, 2)), "grid_nodes": 20}, "simulation.grid_spacing"),
+    "cells that do not fit": ({"grid_spacing": 0.07}, "a whole number of cells"),
     "walls that do not hold": ({"wall_distance": 0.0}, "accepted: 0.05"),
     "thick walls": ({"wall_distance": 0.6}, "below 0.5"),
     "gravity of two": ({"gravity": (0.0, -9.8)}, "a list of 3"),

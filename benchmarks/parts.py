@@ -1,4 +1,4 @@
-"""Motions of bodies whose stiffness differs from part to part: python docs/examples/parts.py outputs/estimation.
+"""Motions of bodies whose stiffness differs from part to part: python -m benchmarks.parts outputs/estimation.
 
 Writes several_bodies.h5, three cubes of different stiffness, and graded_body.h5, a bar that is soft at one end and
 stiff at the other. `make estimation` estimates all of their parameters at once (docs/estimation_results.md).
@@ -15,7 +15,9 @@ from pcnclaws.geometry.shapes import particles, spin_velocity
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
-from pcnclaws.simulation.scenes import SceneStart, simulate_records
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
+from pcnclaws.simulation.scenes import SceneStart
 
 
 def several_bodies() -> SceneStart:
@@ -51,5 +53,6 @@ def graded_body() -> SceneStart:
 if __name__ == "__main__":
     for start in (several_bodies(), graded_body()):
         path = Path(sys.argv[1]) / f"{start.name}.h5"
-        write_scenes(path, simulate_records([start], analytic_laws(MATERIALS["elasticity"]), 400, 5, velocities=True))
+        plan = FramePlan(steps=400, every=5, velocities=True)
+        write_scenes(path, simulate_records([start], analytic_laws(MATERIALS["elasticity"]), plan))
         print(f"wrote {path}")
