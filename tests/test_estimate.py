@@ -170,7 +170,7 @@ def test_free_flight_gives_no_number(estimated, tmp_path: Path) -> None:
         (["observation.window=3"], "observation.window=3 is not accepted"),
         (["material=sand"], "observed of material 'elasticity'; accepted: sand"),
         (["initial_guess.youngs_modulus=-1"], "initial_guess.youngs_modulus=-1 is not accepted"),
-        (["initial_guess.friction_angle=30"], "initial_guess='friction_angle' is not known"),
+        (["initial_guess.friction_angle=30"], "option='initial_guess.friction_angle' is not known"),
         (["fixed.poissons_ratio=0.7"], "fixed.poissons_ratio=0.7 is not accepted"),
         (["fixed.poissons_ratio=0.3", "fixed.youngs_modulus=1e5"], "leaves nothing to estimate"),
         (["estimator=newton"], "did you mean"),
