@@ -14,7 +14,7 @@ import pcnclaws as pc
 
 SMALL = "small" in sys.argv[1:]
 PICTURE = Path("outputs/examples/02_train_sand.png")
-STEPS, EVERY, ITERATIONS = (60, 10, 4) if SMALL else (160, 10, 60)
+STEPS, EVERY, ITERATIONS = (40, 20, 2) if SMALL else (160, 10, 60)
 
 
 def main() -> None:

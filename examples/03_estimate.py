@@ -14,7 +14,7 @@ import pcnclaws as pc
 
 SMALL = "small" in sys.argv[1:]
 PICTURE = Path("outputs/examples/03_estimate.png")
-STEPS, EVERY, ITERATIONS = (80, 20, 3) if SMALL else (300, 20, 6)
+STEPS, EVERY, ITERATIONS = (60, 20, 2) if SMALL else (300, 20, 6)
 TRUTH = {"youngs_modulus": 3.7e5, "friction_angle": 31.0}
 
 

@@ -14,7 +14,7 @@ import pcnclaws as pc
 
 SMALL = "small" in sys.argv[1:]
 PICTURE = Path("outputs/examples/07_gradients.png")
-STEPS = 100 if SMALL else 300
+STEPS = 60 if SMALL else 300
 
 
 def main() -> None:
@@ -42,7 +42,7 @@ def main() -> None:
     colours = (("m/deg, angle", slope.norm(dim=1)), ("m/Pa, modulus of the particle", by_modulus))
     for axes, (unit, colour) in zip(figure.subplots(1, 2), colours, strict=True):
         figure.colorbar(axes.scatter(x, y, c=colour, s=8), ax=axes, label=unit)
-        axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+        axes.set(xlabel="x [m]", ylabel="y [m]")
     PICTURE.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(PICTURE)
     print("wrote", PICTURE)

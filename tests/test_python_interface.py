@@ -71,6 +71,7 @@ def test_an_example_runs_and_leaves_a_picture(example, tmp_path, monkeypatch):
     assert list(tmp_path.glob(f"outputs/examples/{example.stem}*.png"))
 
 
+@pytest.mark.slow
 def test_wrong_kinds_are_refused_in_one_line_where_types_are_not_checked(tmp_path):
     code = """
 import pcnclaws as pc
