@@ -95,7 +95,9 @@ def settings_with(*colliders: Collider, gravity: tuple[float, float, float] = NO
     return SimulationSettings(5e-4, 0.05, domain=None, gravity=gravity, colliders=colliders)
 
 
-@pytest.mark.parametrize(("slope", "friction"), [(30.0, 0.0), (30.0, 0.3), (20.0, 0.5)])
+@pytest.mark.parametrize(
+    ("slope", "friction"), [pytest.param(30.0, 0.0, marks=pytest.mark.slow), (30.0, 0.3), (20.0, 0.5)]
+)
 def test_a_block_on_an_inclined_plane_slides_as_coulomb_says_or_stays(slope: float, friction: float) -> None:
     angle, g = math.radians(slope), 9.8
     # the plane rises along x; the block begins on it
