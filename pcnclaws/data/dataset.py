@@ -11,8 +11,8 @@ from torch.utils.data import Dataset
 
 from pcnclaws.data.segments import SegmentGroup, SegmentPlan, notes_on_free_flight
 from pcnclaws.data.timeline import Timeline
+from pcnclaws.layout import join_positions
 from pcnclaws.simulation.batch import SceneBatch, batch_scenes
-from pcnclaws.simulation.layout import join_positions
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import group_by_settings
 

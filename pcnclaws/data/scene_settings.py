@@ -79,12 +79,12 @@ def _read_version_1(group: GuardedGroup) -> SimulationSettings:
     if word not in VERSION_1_WORDS:
         raise unknown_name("@boundary", word, VERSION_1_WORDS)
     settings = SimulationSettings(
-        group.number("time_step"),
-        1.0 / nodes,
-        group.number("wall_distance"),
-        group.vector("gravity"),
-        VERSION_1_WORDS[word],
-        group.number("density"),
+        time_step=group.number("time_step"),
+        grid_spacing=1.0 / nodes,
+        wall_distance=group.number("wall_distance"),
+        gravity=group.vector("gravity"),
+        boundary=VERSION_1_WORDS[word],
+        density=group.number("density"),
     )
     if group.has_attribute("grid_spacing"):
         spacing = group.number("grid_spacing")
@@ -108,16 +108,16 @@ def _read_version_2(group: GuardedGroup) -> SimulationSettings:
     ]
     loads = [Load.from_options(options, f"loads/{number}") for number, options in enumerate(_read_all(group, "loads"))]
     return SimulationSettings(
-        group.number("time_step"),
-        group.number("grid_spacing"),
-        group.number("wall_distance"),
-        group.vector("gravity"),
-        walls[0],
-        group.number("density"),
-        None if domain is None else (tuple(domain[0]), tuple(domain[1])),
-        group.number("friction"),
-        tuple(colliders),
-        tuple(loads),
+        time_step=group.number("time_step"),
+        grid_spacing=group.number("grid_spacing"),
+        wall_distance=group.number("wall_distance"),
+        gravity=group.vector("gravity"),
+        boundary=walls[0],
+        density=group.number("density"),
+        domain=None if domain is None else (tuple(domain[0]), tuple(domain[1])),
+        friction=group.number("friction"),
+        colliders=tuple(colliders),
+        loads=tuple(loads),
     )
 
 

@@ -16,10 +16,10 @@ from torch.autograd import forward_ad
 from pcnclaws.data.observation import Observation
 from pcnclaws.estimation.unknowns import TIME_OFFSET, Unknowns
 from pcnclaws.laws.analytic import Laws
+from pcnclaws.layout import matrices_first, matrices_last, vectors_first, vectors_last
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
-from pcnclaws.simulation.layout import matrices_first, matrices_last, vectors_first, vectors_last
 from pcnclaws.simulation.rollout import positions_at
 from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.simulator import simulator_of

@@ -20,6 +20,7 @@ from pcnclaws.interface.settings import Settings, whole_number
 from pcnclaws.laws.constitutive_model import ConstitutiveModel
 from pcnclaws.laws.given_values import Value, checked_values, of_particles
 from pcnclaws.laws.training_ranges import outside_training_data
+from pcnclaws.layout import particles_first, particles_last
 from pcnclaws.mpm.colliders import Collider
 from pcnclaws.mpm.loads import Load
 from pcnclaws.mpm.settings import SimulationSettings
@@ -197,7 +198,7 @@ class Scene:
         self._check_run()
         simulator = simulator_of(self.law.laws_in(precision.dtype, precision.device), self._start.settings)
         batch = self._differentiable_batch(precision)
-        position = positions_at(simulator, batch, range(0, steps + 1, every), steps=steps).transpose(1, 2)
+        position = particles_first(positions_at(simulator, batch, range(0, steps + 1, every), steps=steps), frames=True)
         self._require_physical(position.detach(), steps, every, precision)
         return position
 
@@ -205,7 +206,7 @@ class Scene:
         """The scene as a batch of one, through which derivatives reach what was given."""
         batch = batch_scenes([self._start], precision.dtype, precision.device)
         velocity, affine = (one.to(precision.device, precision.dtype) for one in (self._velocity, self._affine))
-        state = batch.state._replace(velocity=velocity.T.contiguous(), affine=affine.permute(1, 2, 0).contiguous())
+        state = batch.state._replace(velocity=particles_last(velocity), affine=particles_last(affine))
         parameters = of_particles(self._values, (len(self.body),), batch.state.position)
         return batch._replace(state=state, parameters=parameters)
 

@@ -14,6 +14,7 @@ from pcnclaws.laws.given_values import Value, checked_values, of_particles, requ
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.laws.parameters import Parameter
+from pcnclaws.layout import particles_first, particles_last
 
 LawKind = TypeVar("LawKind", bound=Law)
 PRECISIONS = (torch.float32, torch.float64)
@@ -95,10 +96,10 @@ class ConstitutiveModel(nn.Module):
         if law is None:
             return given.clone()
         require_values(values, [one for one in self.physical_parameters if one.name in law.parameter_names])
-        flat = given.reshape(-1, 3, 3).movedim(0, -1).contiguous()
+        flat = particles_last(given.reshape(-1, 3, 3))
         converted = getattr(self.laws_in(given.dtype, given.device), part)
         each = {name: one.reshape(-1) for name, one in of_particles(values, given.shape[:-2], flat).items()}
-        return converted(flat, each).movedim(-1, 0).reshape(given.shape)
+        return particles_first(converted(flat, each)).reshape(given.shape)
 
 
 def analytic_law(material: str | Material) -> ConstitutiveModel:

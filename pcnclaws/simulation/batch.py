@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pcnclaws.layout import matrices_first, vectors_first
 from pcnclaws.mpm.loads import load_shares
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.simulation.layout import matrices_first, vectors_first
 from pcnclaws.simulation.scenes import SceneStart, group_by_settings
 
 

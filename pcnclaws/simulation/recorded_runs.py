@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from pcnclaws.laws.analytic import Laws
+from pcnclaws.layout import split_matrices, split_vectors
 from pcnclaws.simulation.batch import SceneBatch, batch_scenes
 from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
-from pcnclaws.simulation.layout import split_matrices, split_vectors
 from pcnclaws.simulation.recording import FramePlan, Trajectory
 from pcnclaws.simulation.records import Keyframes, SceneRecord
 from pcnclaws.simulation.rollout import simulate_scenes

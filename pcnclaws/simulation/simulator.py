@@ -94,7 +94,7 @@ class Simulator(nn.Module):
         fixed = FixedParameters(parameters, one_graph)
 
         def stepped(state: ParticleState, step: int = 0) -> ParticleState:
-            return self.forward(state, scenes, fixed, True, step, take_impulses)
+            return self.forward(state, scenes, fixed, step=step, take_impulses=take_impulses)
 
         return stepped
 

@@ -1,4 +1,4 @@
-"""Array layouts: particle-first NumPy arrays of files and users, component-first tensors of the simulator.
+"""Array layouts: particle-first arrays of files and tensors of users, component-first tensors of the simulator.
 
 The only place where one becomes the other.
 """
@@ -9,6 +9,16 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
+
+
+def particles_last(field: Float[Tensor, "particles *components"]) -> Float[Tensor, "*components particles"]:
+    """A particle-first field, component-first, differentiable."""
+    return field.movedim(0, -1).contiguous()
+
+
+def particles_first(field: Tensor, frames: bool = False) -> Tensor:
+    """A component-first field, particle-first, differentiable; frames: its first dimension is that of frames."""
+    return field.movedim(-1, int(frames))
 
 
 def vectors_first(vectors: np.ndarray) -> np.ndarray:
