@@ -13,6 +13,9 @@ import torch
 from pcnclaws.commands import launcher
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.compiled.build import find_compiler
+from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.laws.parameters import PARAMETERS
+from pcnclaws.laws.registry import NETWORKS
 
 os.environ["OMP_NUM_THREADS"] = "1"
 torch.set_num_threads(1)
@@ -33,6 +36,17 @@ def each_backend(request: pytest.FixtureRequest) -> Iterator[None]:
         pytest.skip("needs a C++ compiler")  # where there is one that fails, the test fails, too
     with using_backend(request.param):
         yield
+
+
+@pytest.fixture
+def own_registry() -> Iterator[None]:
+    """Lets the test register what it likes: what was known before is known after it, and nothing else."""
+    tables: tuple[dict[str, Any], ...] = (MATERIALS, NETWORKS, PARAMETERS)
+    before = [dict(table) for table in tables]
+    yield
+    for table, known in zip(tables, before, strict=True):
+        table.clear()
+        table.update(known)
 
 
 @pytest.fixture

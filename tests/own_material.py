@@ -12,7 +12,6 @@ from pcnclaws.laws.materials import Material
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.operations import deviator, exp, norm, trace, where
 from pcnclaws.laws.parameters import FRICTION_ANGLE, POISSONS_RATIO, YOUNGS_MODULUS, Parameter
-from pcnclaws.laws.registry import register
 from pcnclaws.tensor_types import Parameters
 
 COHESION = Parameter("cohesion", "c", "Pa", lower_included=True, logarithmic=True, search=(1.0, 1e6), is_stress=True)
@@ -73,4 +72,3 @@ SOIL = Material(
         "cohesion": (5e2, 5e3),
     },
 )
-register(SOIL)

@@ -8,6 +8,8 @@ from pcnclaws.errors import UserError, unknown_name
 
 # Words that an option takes beside the numbers of its kind; None is null.
 WORDS: Mapping[str, tuple[object, ...]] = {"simulation.time_step": ("auto",), "simulation.domain": (None,)}
+# Options that are null by default and yet of one kind.
+OF_KIND = {"simulation.grid_nodes": 0}
 KINDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "text"}
 # Lists whose length is free: what a benchmark problem goes through. Other lists are vectors, as long as their default.
 FREE_LISTS = "problem."
@@ -79,6 +81,8 @@ def unknown_option(option: str, defaults: Mapping[str, Any]) -> UserError:
 
 
 def _require_kind(option: str, value: Any, default: Any) -> None:
+    if default is None and value is not None:
+        default = OF_KIND.get(option)
     if default is None:
         right = all(not isinstance(item, float) or math.isfinite(item) for item in _items(value))
         accepted = "finite numbers"

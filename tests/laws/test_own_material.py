@@ -95,9 +95,12 @@ PLUGIN = """
 import sys
 sys.path.insert(0, {folder!r})
 import own_material
+from pcnclaws.laws.registry import register
+register(own_material.SOIL)
 """
 
 
+@pytest.mark.usefixtures("own_registry")
 def test_a_command_takes_a_material_from_a_plugin(
     in_process: Callable[..., object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
