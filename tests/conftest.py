@@ -41,8 +41,8 @@ def each_backend(request: pytest.FixtureRequest) -> Iterator[None]:
 @pytest.fixture
 def own_registry() -> Iterator[None]:
     """Lets the test register what it likes: what was known before is known after it, and nothing else."""
-    tables: tuple[dict[str, Any], ...] = (MATERIALS, NETWORKS, PARAMETERS)
-    before = [dict(table) for table in tables]
+    tables: list[dict[str, Any]] = [MATERIALS, NETWORKS, PARAMETERS]
+    before = [table.copy() for table in tables]
     yield
     for table, known in zip(tables, before, strict=True):
         table.clear()
