@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,9 +14,10 @@ from torch.autograd import forward_ad
 from pcnclaws.data.units import check_spacing
 from pcnclaws.errors import SimulationDiverged, UserError, unknown_name
 from pcnclaws.geometry.body import Body
+from pcnclaws.interface.given import Vector, all_of, check_frames, number, shown, vector
 from pcnclaws.interface.motion import Motion
 from pcnclaws.interface.precision import Precision, precision_of
-from pcnclaws.interface.settings import Settings, whole_number
+from pcnclaws.interface.settings import Settings
 from pcnclaws.laws.constitutive_model import ConstitutiveModel
 from pcnclaws.laws.given_values import Value, checked_values, of_particles
 from pcnclaws.laws.training_ranges import outside_training_data
@@ -37,8 +38,6 @@ from pcnclaws.simulation.time_step import stability_of
 
 log = logging.getLogger(__name__)
 
-Kind = TypeVar("Kind")
-Vector: TypeAlias = Sequence[float | int] | Tensor | np.ndarray
 NOTHING = (0.0, 0.0, 0.0)
 OPTIONS = ("body", "law", "velocity", "spin", "settings", "colliders", "loads", "name")
 
@@ -85,13 +84,13 @@ class Scene:
                 raise UserError(f"scene.{one}={given!r} is not accepted; accepted: a {kind.__name__}")
         self.body, self.law, self.settings = body, law, settings
         self.name = body.name if name is None else name
-        self.colliders, self.loads = _all("colliders", colliders, Collider), _all("loads", loads, Load)
+        self.colliders, self.loads = all_of("colliders", colliders, Collider), all_of("loads", loads, Load)
         self._given = {"velocity": velocity, "spin": spin, "settings": self.settings, "name": name, **parameters}
         self._given |= {"colliders": self.colliders, "loads": self.loads}
         middle = {one: 0.5 * (low + high) for one, (low, high) in law.ranges.items()}
         self._values = middle | checked_values(parameters, law.physical_parameters, (len(body),), OPTIONS)
         self._velocity, self._affine = body.start_motion(
-            _vector("velocity", velocity, ((3,), (len(body), 3))), _vector("spin", spin, ((3,),))
+            vector("velocity", velocity, ((3,), (len(body), 3))), vector("spin", spin, ((3,),))
         )
         self._start = self._checked_start()
         self._said: set[object] = set()
@@ -190,11 +189,11 @@ class Scene:
             return torch.zeros_like(found) if derivative is None else derivative
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{name}={_shown(value)}" for name, value in self._values.items())
+        values = ", ".join(f"{name}={shown(value)}" for name, value in self._values.items())
         return f"Scene({self.name!r}, {len(self.body)} particles, {self.law.material.name}: {values})"
 
     def _positions(self, steps: int, every: int, precision: Precision) -> Float[Tensor, "frames particles 3"]:
-        _check_frames(steps, every)
+        check_frames(steps, every)
         self._check_run()
         simulator = simulator_of(self.law.laws_in(precision.dtype, precision.device), self._start.settings)
         batch = self._differentiable_batch(precision)
@@ -243,7 +242,7 @@ class Scene:
             self.name,
             self.law.material.name,
             settings,
-            {name: _number(value) for name, value in self._values.items() if name not in varying},
+            {name: number(value) for name, value in self._values.items() if name not in varying},
             position=self.body.cloud.position,
             velocity=self._velocity.detach().numpy(),
             volume=self.body.cloud.volume,
@@ -288,7 +287,7 @@ def simulate_scenes(
 
     Arguments and errors as of Scene.simulate.
     """
-    _check_frames(steps, every)
+    check_frames(steps, every)
     if not scenes:
         raise UserError("no scene is given; accepted: one or more")
     for scene in scenes:
@@ -310,49 +309,7 @@ def simulate_scenes(
     return [motions[k] for k in range(len(scenes))]
 
 
-def _check_frames(steps: Any, every: Any) -> None:
-    steps, every = whole_number("simulation.steps", steps), whole_number("simulation.every", every)
-    if every > steps:
-        raise UserError(f"simulation.every={every} keeps no frame; accepted: 1 to simulation.steps={steps}")
-    if steps % every:
-        log.warning("simulation.every=%d: the last %d of %d steps are in no frame", every, steps % every, steps)
-
-
 def _names(scenes: Sequence[Scene]) -> list[str]:
     """The names of the scenes, numbered where two are the same."""
     names = [scene.name for scene in scenes]
     return [f"{name}_{k}" if names.count(name) > 1 else name for k, name in enumerate(names)]
-
-
-def _all(name: str, given: Any, kind: type[Kind]) -> tuple[Kind, ...]:
-    """Given things of one kind."""
-    things = tuple(given) if isinstance(given, Sequence) else (given,)
-    for thing in things:
-        if not isinstance(thing, kind):
-            raise UserError(f"scene.{name} holds {thing!r}; accepted: a list, each a {kind.__name__}")
-    return things
-
-
-def _vector(name: str, value: Vector, shapes: Sequence[tuple[int, ...]]) -> Tensor:
-    """A given vector, or one for each particle, in double precision, with its derivatives."""
-    try:
-        tensor = value if isinstance(value, Tensor) else torch.tensor(np.asarray(value, dtype=np.float64))
-    except (TypeError, ValueError) as error:
-        raise UserError(f"scene.{name}={value} is not accepted; accepted: three numbers") from error
-    if tensor.shape not in shapes or tensor.is_complex() or tensor.dtype == torch.bool:
-        accepted = " or ".join(str(shape) for shape in shapes)
-        raise UserError(f"scene.{name} has the shape {tuple(tensor.shape)}; accepted: numbers {accepted}")
-    tensor = tensor.to("cpu", torch.float64)
-    if not bool(torch.isfinite(tensor.detach()).all()):
-        raise UserError(f"scene.{name} holds numbers that are not finite")
-    return tensor
-
-
-def _number(value: float | Tensor) -> float:
-    return float(value.detach() if isinstance(value, Tensor) else value)
-
-
-def _shown(value: float | Tensor) -> str:
-    if isinstance(value, Tensor) and value.dim():
-        return f"{_number(value.min()):g}..{_number(value.max()):g}"
-    return f"{_number(value):g}"

@@ -9,9 +9,11 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import torch
 from jaxtyping import Float
 
 from pcnclaws.errors import ParticleEscaped, SimulationDiverged, UserError
+from pcnclaws.laws.materials import material_named
 from pcnclaws.laws.parameters import compression_wave_speed
 from pcnclaws.mpm.diagnostics import cfl_number, fall_speed
 from pcnclaws.mpm.settings import SimulationSettings
@@ -50,14 +52,16 @@ def largest_speed(
     return max(fall_speed(start, max(height, 0.0), strength) if math.isfinite(height) else start, pushed)
 
 
-def stable_cfl(material: str, poissons_ratio: float) -> float:
+def stable_cfl(material: str, poissons_ratio: float | None) -> float:
     """The CFL number [-] up to which simulations of a material are stable, from the measured table.
 
     Between the measured Poisson's ratios it goes linearly, beyond them it stays. A material that was not measured gets
-    the smallest number of all that were.
+    the smallest number of all that were, and so does None, a law without Poisson's ratio, of all of its ratios.
     """
     table = _stable_cfl_table()
     known = [table[material]] if material in table else list(table.values())
+    if poissons_ratio is None:
+        return min(min(limits["cfl"]) for limits in known)
     return min(float(np.interp(poissons_ratio, limits["poissons_ratio"], limits["cfl"])) for limits in known)
 
 
@@ -83,7 +87,7 @@ class Stability:
     @property
     def stable_cfl(self) -> float:
         """The CFL number [-] up to which such simulations were stable."""
-        return stable_cfl(self.material, self.parameters["poissons_ratio"])
+        return stable_cfl(self.material, self.parameters.get("poissons_ratio"))
 
     @property
     def is_stable(self) -> bool:
@@ -103,6 +107,8 @@ class Stability:
     @property
     def limit(self) -> str:
         """In words: the longest time step of this scene, and the stiffest material of this time step."""
+        if "youngs_modulus" not in self.parameters:
+            return f"at most {self.longest_time_step:.3g} s at {self.speed:.3g} m/s"
         modulus = self.parameters["youngs_modulus"]
         accepted = f"at most {self.longest_time_step:.3g} s for youngs_modulus={modulus:g} at {self.speed:.3g} m/s"
         # E grows with the square of the wave speed
@@ -135,8 +141,10 @@ class Stability:
 
     @property
     def _wave_speed(self) -> float:
-        parameters = self.parameters
-        return compression_wave_speed(parameters["youngs_modulus"], parameters["poissons_ratio"], self.settings.density)
+        parameters, density = self.parameters, self.settings.density
+        if {"youngs_modulus", "poissons_ratio"} <= set(parameters):
+            return compression_wave_speed(parameters["youngs_modulus"], parameters["poissons_ratio"], density)
+        return math.sqrt(max(p_wave_modulus(self.material, parameters), 0.0) / density)
 
 
 def stability_of(scene: SceneStart) -> Stability:
@@ -147,13 +155,24 @@ def stability_of(scene: SceneStart) -> Stability:
     if not scene.varying:
         return one
     values = scene.of_particles()
-    names = ("youngs_modulus", "poissons_ratio")
+    names = [name for name in ("youngs_modulus", "poissons_ratio") if name in values] or list(values)
     kinds = np.unique(np.stack([values[name] for name in names]), axis=1)
     each = [
         replace(one, parameters={**scene.parameters, **dict(zip(names, kind, strict=True))})
         for kind in zip(*kinds.tolist(), strict=True)
     ]
     return max(each, key=lambda kind: kind.cfl / kind.stable_cfl)
+
+
+def p_wave_modulus(material: str, parameters: Mapping[str, float]) -> float:
+    """The stiffness of the analytic law of a material against compression along one axis, at rest [Pa]."""
+    law = material_named(material).elasticity()
+    values = {name: torch.tensor([value], dtype=torch.float64) for name, value in parameters.items()}
+    rest = torch.eye(3, dtype=torch.float64)[:, :, None]
+    along = torch.zeros_like(rest).index_put((torch.tensor(0), torch.tensor(0)), torch.ones(1, dtype=torch.float64))
+    rest.requires_grad_()
+    (slope,) = torch.autograd.grad((law.evaluate(rest, values) * along).sum(), rest)
+    return float((slope * along).sum())
 
 
 def _rounded_down(value: float) -> float:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from bodies import per_particle, seeded, uniform
 from law_checks import COUNT, deformations
 from own_material import COHESION, SOIL, CohesiveDruckerPrager, MooneyRivlin
 
+import pcnclaws as pc
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.compiled.build import find_compiler
 from pcnclaws.data.hdf5 import read_scenes
@@ -18,10 +20,12 @@ from pcnclaws.errors import UserError
 from pcnclaws.laws.base import Elasticity, Plasticity, Values
 from pcnclaws.laws.elasticity import NeoHookean
 from pcnclaws.laws.materials import Material
-from pcnclaws.laws.parameters import YOUNGS_MODULUS, Parameter
+from pcnclaws.laws.operations import sum_of_squares, trace
+from pcnclaws.laws.parameters import YOUNGS_MODULUS, Parameter, compression_wave_speed
 from pcnclaws.laws.registry import Network, register
 from pcnclaws.linalg3 import matmul, transpose
 from pcnclaws.simulate import simulate
+from pcnclaws.simulation.time_step import p_wave_modulus
 
 COMPILED = pytest.mark.skipif(find_compiler() is None, reason="needs a C++ compiler")
 
@@ -89,6 +93,32 @@ def test_the_cohesive_law_bears_tension_and_no_more() -> None:
     assert torch.equal(after[:, :, 0], f[:, :, 0]), "below the tip nothing flows"
     tip = CohesiveDruckerPrager().coefficients(parameters)["tip"]
     torch.testing.assert_close(3.0 * after[0, 0, 1].log(), tip[1])
+
+
+SHEAR = Parameter("shear_modulus", "G", "Pa", logarithmic=True, search=(1e2, 1e9))
+
+
+class OneModulus(Elasticity):
+    """Hencky elasticity with lambda = mu, stated by its shear modulus alone."""
+
+    physical_parameters = (SHEAR,)
+
+    def principal_energy(self, h: Values, p: Any) -> Any:
+        return p.shear_modulus * (sum_of_squares(h) + 0.5 * trace(h) ** 2)
+
+
+@pytest.mark.usefixtures("own_registry")
+def test_a_law_with_moduli_of_its_own_has_its_wave_speed() -> None:
+    material = Material("one_modulus", OneModulus, None, {"shear_modulus": (1e4, 1e5)})
+    register(material)
+    assert p_wave_modulus("one_modulus", {"shear_modulus": 2e4}) == pytest.approx(6e4, rel=1e-12)  # lambda + 2 mu
+    hooke = {"youngs_modulus": 1e5, "poissons_ratio": 0.3}
+    assert p_wave_modulus("elasticity", hooke) == pytest.approx(1000.0 * compression_wave_speed(1e5, 0.3, 1000.0) ** 2)
+    scene = pc.Scene(pc.Body.cube(side=0.2, particles_per_edge=4), pc.analytic_law(material), shear_modulus=2e4)
+    assert scene.cfl > 0.0
+    assert torch.isfinite(scene.simulate(steps=10, every=5).position).all()
+    with pytest.raises(UserError, match=r"simulation.time_step=0.1 is unstable; accepted: at most .* s at"):
+        scene.with_(settings=pc.Settings(time_step=0.1)).simulate(steps=10, every=5)
 
 
 PLUGIN = """
