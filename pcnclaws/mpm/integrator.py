@@ -131,6 +131,8 @@ class MPMIntegrator(nn.Module):
 
     def _loaded(self, state: ParticleState, scenes: Scenes, step: int) -> ParticleState:
         """The state with the velocity that loads add in the step."""
+        if not self.settings.loads:
+            return state
         acceleration = load_acceleration(self.settings.loads, scenes.load_shares, step * self.settings.time_step)
         if acceleration is None:
             return state

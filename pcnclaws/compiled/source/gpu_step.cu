@@ -44,9 +44,9 @@ template <class Visit> void with_node(const Settings& settings, const Bodies<T>&
     const Field<T> no_stress{};
     const Exchange<T> exchange(settings, bodies, none, no_stress);
     const int64_t within = node % size, rows = within / box.edge(2);
-    int walls[3];
-    settings.walls_at(box.low[0] + int(rows / box.edge(1)), box.low[1] + int(rows % box.edge(1)),
-                      box.low[2] + int(within % box.edge(2)), walls);
+    const int walls[3] = {settings.wall_at(0, box.low[0] + int(rows / box.edge(1))),
+                          settings.wall_at(1, box.low[1] + int(rows % box.edge(1))),
+                          settings.wall_at(2, box.low[2] + int(within % box.edge(2)))};
     visit(exchange, node, walls, exchange.fall_of(node / size));
 }
 

@@ -43,14 +43,11 @@ struct Settings {
     int64_t window;              // 1 for the touched window of the grid, 0 for the whole grid
     const unsigned char* walls;  // of the nodes of the grid along each axis: bit 0 low wall, bit 1 high wall; or null
 
-    void walls_at(int x, int y, int z, int at[3]) const {
-        at[0] = at[1] = at[2] = 0;
-        if (!walls) return;
-        const unsigned char *of_y = walls + grid.edge(0), *of_z = of_y + grid.edge(1);
-        at[0] = walls[x - grid.low[0]];
-        at[1] = of_y[y - grid.low[1]];
-        at[2] = of_z[z - grid.low[2]];
+    // of the nodes along an axis, from the first one of the grid on
+    const unsigned char* walls_of(int axis) const {
+        return walls ? walls + (axis > 0 ? grid.edge(0) : 0) + (axis > 1 ? grid.edge(1) : 0) : nullptr;
     }
+    int wall_at(int axis, int node) const { return walls ? walls_of(axis)[node - grid.low[axis]] : 0; }
 };
 
 // The middle node of a particle's stencil. A diverged particle, which the rollout reports, borrows the nearest one.

@@ -145,12 +145,15 @@ template <class S> class Step {
     template <class Visit> void each_node(int64_t scene, int x, Visit visit) const {
         const Box& box = grids.boxes[scene];
         size_t at = grids.node_memory[scene] + box.index(x, box.low[1], box.low[2]);
-        for (int y = box.low[1]; y <= box.high[1]; y++)
+        const unsigned char* of_z = settings.walls_of(2);
+        int walls[3] = {settings.wall_at(0, x), 0, 0};
+        for (int y = box.low[1]; y <= box.high[1]; y++) {
+            walls[1] = settings.wall_at(1, y);
             for (int z = box.low[2]; z <= box.high[2]; z++, at++) {
-                int walls[3];
-                settings.walls_at(x, y, z, walls);
+                walls[2] = of_z ? of_z[z - settings.grid.low[2]] : 0;
                 visit(at, walls);
             }
+        }
     }
 
     void move_nodes(int64_t scene, int x) {
