@@ -9,6 +9,7 @@ from torch import Tensor
 Scalars: TypeAlias = Float[Tensor, " particles"]
 Vectors: TypeAlias = Float[Tensor, "3 particles"]
 Matrices: TypeAlias = Float[Tensor, "3 3 particles"]
+InternalValues: TypeAlias = Float[Tensor, "variables particles"]
 SceneVectors: TypeAlias = Float[Tensor, "3 scenes"]
 SceneIndex: TypeAlias = Int64[Tensor, " particles"]
 ParticleMask: TypeAlias = Bool[Tensor, " particles"]

@@ -16,6 +16,7 @@ from pcnclaws.compiled import gpu
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.compiled.build import find_compiler
 from pcnclaws.compiled.isotropic_laws import fallbacks
+from pcnclaws.compiled.structures import LawArrays
 from pcnclaws.laws.base import Elasticity, Law
 from pcnclaws.laws.elasticity import FixedCorotated, StVKHencky
 from pcnclaws.laws.materials import material_named
@@ -128,13 +129,13 @@ def test_kernels_for_gpus_agree(family: str, dtype: torch.dtype, device: str) ->
         assert law.kernel is not None
         parameters = per_particle(material_named("sand").defaults, f.shape[2], dtype)
         rows = law.kernel_rows(parameters).contiguous()
-        found = gpu.law_forward(law.kernel, f.to(device), rows.to(device), []).cpu()
+        found = gpu.law_forward(law.kernel, LawArrays(f.to(device), rows.to(device)))[0].cpu()
         assert _largest_error(law, f, found, law(f, parameters), 3e5) < TOLERANCES[dtype]
 
 
 def _laws() -> list[tuple[Law, str]]:
-    named = [(law, material) for material in MATERIALS for law in laws_of(material, "analytic") if law is not None]
-    named += [(law, "plasticine") for law in laws_of("plasticine", "neural") if law is not None]
+    named = [(law, material) for material in MATERIALS for law in laws_of(material, "analytic")[:2] if law is not None]
+    named += [(law, "plasticine") for law in laws_of("plasticine", "neural")[:2] if law is not None]
     return list({type(law): (law, material) for law, material in named}.values())
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from pcnclaws.compiled.calls import address
 from pcnclaws.compiled.gpu_build import Kernels, kernels_of
 from pcnclaws.compiled.law_source import LawKernel
-from pcnclaws.compiled.structures import Bodies, Corners, Settings, weights_structure
+from pcnclaws.compiled.structures import Bodies, Corners, LawArrays, LawFields, Settings, weights_structure
 
 NUMBERS = {torch.float32: "float", torch.float64: "double"}
 LAYERS = 3  # of a network whose kernel runs on a GPU
@@ -79,34 +79,28 @@ class LawGradients(NamedTuple):
     """Gradients of a law's inputs; of the parameters and weights only where they were asked for."""
 
     deformation: Tensor
+    internal: Tensor | None
     parameters: Tensor | None
     weights: list[Tensor]
 
 
-def law_forward(law: LawKernel, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> Tensor:
+def law_forward(law: LawKernel, given: LawArrays) -> tuple[Tensor, Tensor | None]:
     """The law, as isotropic_law in pcnclaws/compiled/isotropic_laws.py; all tensors contiguous."""
-    result = torch.empty_like(deformation)
-    kernels = _LawKernels(law, deformation, parameters, weights)
-    kernels.start("law_forward", deformation.shape[2], address(result))
+    result, kernels = given.like_result(law.after), _LawKernels(law, given)
+    kernels.start("law_forward", given.deformation.shape[2], LawFields.of(*result))
     return result
 
 
 def law_adjoint(
-    law: LawKernel,
-    deformation: Tensor,
-    parameters: Tensor,
-    weights: Sequence[Tensor],
-    incoming: Tensor,
-    wanted: tuple[bool, bool],
+    law: LawKernel, given: LawArrays, incoming: tuple[Tensor, Tensor | None], wanted: tuple[bool, bool]
 ) -> LawGradients:
     """Gradients from those of the result. wanted: those of the parameters, those of the weights."""
-    gradient = torch.empty_like(deformation)
-    of_parameters = torch.empty_like(parameters) if wanted[0] else None
-    kernels = _LawKernels(law, deformation, parameters, weights)
-    memory = _NetworkMemory(weights if wanted[1] else (), deformation)
-    arrays = address(incoming), address(gradient), address(of_parameters), memory.described()
-    kernels.start("law_adjoint", max(deformation.shape[2], memory.stride), *arrays)
-    return LawGradients(gradient, of_parameters, memory.weight_gradients())
+    gradient, kernels = given.like_result(law.internal), _LawKernels(law, given)
+    of_parameters = torch.empty_like(given.parameters) if wanted[0] else None
+    memory = _NetworkMemory(given.weights if wanted[1] else (), given.deformation)
+    arrays = LawFields.of(*incoming), LawFields.of(*gradient), address(of_parameters), memory.described()
+    kernels.start("law_adjoint", max(given.deformation.shape[2], memory.stride), *arrays)
+    return LawGradients(*gradient, of_parameters, memory.weight_gradients())
 
 
 def fallbacks() -> int:
@@ -254,14 +248,17 @@ class _NetworkMemoryStructure(ctypes.Structure):
 class _LawKernels:
     """Starts the kernels of a law, with what they all take."""
 
-    def __init__(self, law: LawKernel, deformation: Tensor, parameters: Tensor, weights: Sequence[Tensor]) -> None:
-        for tensor in (parameters, *weights):
+    def __init__(self, law: LawKernel, given: LawArrays) -> None:
+        deformation, parameters, internal, weights = given.deformation, given.parameters, given.internal, given.weights
+        for tensor in (parameters, *weights) if internal is None else (parameters, internal, *weights):
             if (tensor.dtype, tensor.device) != (deformation.dtype, deformation.device):
                 raise ValueError(
                     f"a law of {deformation.dtype} on {deformation.device} was given {tensor.dtype} on {tensor.device}"
                 )
         if parameters.shape[0] != law.rows:
             raise ValueError(f"the law '{law.name}' reads {law.rows} rows of parameters, not {parameters.shape[0]}")
+        if (0 if internal is None else len(internal)) != law.internal:
+            raise ValueError(f"the law '{law.name}' reads {law.internal} internal variables")
         self.weights = _aligned(weights)
         units = (weights[0].shape[1], *(weight.shape[0] for weight in weights[:LAYERS])) if weights else (0, 0, 0, 0)
         macros: dict[str, object] = {f"UNITS_{layer}": count for layer, count in enumerate(units)}
@@ -273,7 +270,7 @@ class _LawKernels:
                 macros["STAGED"], self._shared = 1, needed
         self._kernels = kernels_of("gpu_law.cu", deformation.device, law, NUMBER=NUMBERS[deformation.dtype], **macros)
         _used_laws.add(self._kernels)
-        arrays = address(deformation), address(parameters), weights_structure(LAYERS, self.weights)
+        arrays = address(deformation), address(parameters), address(internal), weights_structure(LAYERS, self.weights)
         self._given = ctypes.c_int64(deformation.shape[2]), *arrays
 
     def start(self, name: str, threads: int, *arguments: object) -> None:

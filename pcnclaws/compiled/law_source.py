@@ -23,12 +23,16 @@ class LawKernel:
     text         C++: the sizes of the law, and `struct Law`
     rows         of per-particle parameters that it reads
     layers       of its network
+    internal     internal variables that it reads
+    after        internal variables that it gives back
     """
 
     name: str
     text: str
     rows: int
     layers: int
+    internal: int = 0
+    after: int = 0
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,7 @@ class LawShape:
 
     returns_strain  the response is the principal strain after plastic flow, else a principal stress
     parameters      that the response reads
+    internal        internal variables that the response reads, and gives back where it returns strains
     features        of its network, 0 without one
     outputs         of its network
     conditions      further inputs of its network
@@ -45,6 +50,7 @@ class LawShape:
 
     returns_strain: bool
     parameters: int
+    internal: int = 0
     features: int = 0
     outputs: int = 0
     conditions: int = 0
@@ -55,7 +61,8 @@ def law_kernel(name: str, shape: LawShape, features: Features | None, response: 
     """The kernel of a law from its functions of three principal Hencky strains.
 
     features  strains to features, None without a network
-    response  strains, features, parameters and outputs of the network to three principal values
+    response  strains, features, parameters and then internal variables, and outputs of the network to three principal
+              values, and then internal variables
     raises    Untraceable for functions that do more than arithmetic
     """
     of_features = _Writer()
@@ -65,19 +72,21 @@ def law_kernel(name: str, shape: LawShape, features: Features | None, response: 
     of_response = _Writer()
     inputs = [
         of_response.trace.inputs(*a)
-        for a in (("h", 3), ("x", shape.features), ("p", shape.parameters), ("f", shape.outputs))
+        for a in (("h", 3), ("x", shape.features), ("p", shape.parameters), ("q", shape.internal), ("f", shape.outputs))
     ]
-    values = _numbers(response(*inputs), 3, "values")
+    strains, x, p, q, f = inputs
+    after = shape.internal if shape.returns_strain else 0
+    values = _numbers(response(strains, x, [*p, *q], f), 3 + after, "values")
     if shape.returns_strain:
-        values = [_change(of_response.trace.as_symbol(value), h) for value, h in zip(values, inputs[0], strict=True)]
+        changes = [_change(of_response.trace.as_symbol(value), h) for value, h in zip(values, strains, strict=False)]
+        values = [*changes, *values[3:]]
     of_response.write("y", values)
-    operations = max(
-        3 + shape.features + shape.parameters + shape.outputs + of_response.operations, 3 + of_features.operations
-    )
+    operations = max(sum(map(len, inputs)) + of_response.operations, 3 + of_features.operations)
     text = f"""// Made from the Python function of '{name}'.
 #pragma once
 #define LAW_LAYERS {shape.layers}
 #define LAW_ROWS {shape.parameters + shape.conditions}
+#define LAW_INTERNAL {shape.internal}
 #define LAW_OPERATIONS {operations}
 #include "functions.hpp"
 
@@ -88,13 +97,13 @@ struct Law {{
     static constexpr int PARAMETERS = {shape.parameters}, FEATURES = {shape.features}, OUTPUTS = {shape.outputs};
     template <class S> static void features(const S* h, S* x) {{
 {of_features.text}    }}
-    template <class S> static void respond(const S* h, const S* x, const S* p, const S* f, S* y) {{
+    template <class S> static void respond(const S* h, const S* x, const S* p, const S* f, const S* q, S* y) {{
 {of_response.text}    }}
 }};
 
 }}  // namespace pcnclaws
 """
-    return LawKernel(name, text, shape.parameters + shape.conditions, shape.layers)
+    return LawKernel(name, text, shape.parameters + shape.conditions, shape.layers, shape.internal, after)
 
 
 def _numbers(values: Sequence[Number], count: int, what: str) -> list[Number]:

@@ -3,8 +3,9 @@
 import ctypes
 from collections.abc import Sequence
 from functools import cache
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
+import torch
 from torch import Tensor
 
 Limits: TypeAlias = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -35,8 +36,32 @@ def weights_structure(layers: int, weights: Sequence[Tensor]) -> ctypes.Structur
     return described
 
 
+class LawArrays(NamedTuple):
+    """What a law is computed from.
+
+    deformation  F [-], (3, 3, particles), det F > 0
+    parameters   that the law's response reads, then further inputs of its network, (rows, particles)
+    internal     internal variables, (variables, particles), None without any
+    weights      of its network: matrices (to, from), then biases (to, 1)
+    """
+
+    deformation: Tensor
+    parameters: Tensor
+    internal: Tensor | None = None
+    weights: Sequence[Tensor] = ()
+
+    def like_result(self, variables: int) -> tuple[Tensor, Tensor | None]:
+        """Room for matrices and for internal variables, of which there may be none."""
+        after = torch.empty_like(self.internal) if variables and self.internal is not None else None
+        return torch.empty_like(self.deformation), after
+
+
 class LawInput(ctypes.Structure):
-    """The particles that a law is computed for. weights: the address of Weights, None without a network."""
+    """The particles that a law is computed for.
+
+    weights   the address of Weights, None without a network
+    internal  the address of internal variables, None without any
+    """
 
     _fields_ = (
         ("particles", ctypes.c_int64),
@@ -44,7 +69,19 @@ class LawInput(ctypes.Structure):
         ("parameters", ctypes.c_void_p),
         ("rows", ctypes.c_int),
         ("weights", ctypes.c_void_p),
+        ("internal", ctypes.c_void_p),
     )
+
+
+class LawFields(ctypes.Structure):
+    """A field of matrices and one of internal variables; None where there is none."""
+
+    _fields_ = (("matrix", ctypes.c_void_p), ("internal", ctypes.c_void_p))
+
+    @classmethod
+    def of(cls, matrix: Tensor, internal: Tensor | None) -> "LawFields":
+        """Those of two contiguous tensors, which must outlive it."""
+        return cls(matrix.data_ptr(), internal.data_ptr() if internal is not None else None)
 
 
 class Corners(ctypes.Structure):

@@ -45,7 +45,7 @@ def write_scenes(path: str | Path, records: Sequence[SceneRecord]) -> None:
     # in memory: on a full disk the library crashes when the process ends
     with replaced_file(path) as part, h5py.File(part, "w") as file:
         file.attrs["format"] = FORMAT
-        version = max(version_of(record.settings) for record in records)
+        version = max(_version_of(record) for record in records)
         file.attrs["version"] = version
         scenes = file.create_group("scenes")
         for record in records:
@@ -74,6 +74,12 @@ def scene_names(path: str | Path) -> list[str]:
     """Names of the scenes of a trajectory file, sorted."""
     with one_line_faults(str(path)), _opened(path) as file:
         return _scenes_of(GuardedGroup(file, str(path)))[0].names()
+
+
+def _version_of(record: SceneRecord) -> int:
+    """The first version of the format that can hold the scene."""
+    remembers = record.keyframes is not None and record.keyframes.internal
+    return 2 if remembers else version_of(record.settings)
 
 
 def _opened(path: str | Path) -> h5py.File:
@@ -216,8 +222,20 @@ def _keyframes(scene: GuardedGroup, record: SceneRecord) -> Keyframes | None:
             np.count_nonzero(~complete),
             len(step),
         )
-    arrays = (step, position, velocity, affine, deformation)
-    return Keyframes(*(array[complete] for array in arrays)) if complete.any() else None
+    found = Keyframes(step, position, velocity, affine, deformation, _internal(group, len(step), particles))
+    return found.at(np.flatnonzero(complete)) if complete.any() else None
+
+
+def _internal(group: GuardedGroup, keyframes: int, particles: int) -> dict[str, np.ndarray]:
+    """Internal variables at the keyframes by name, each (keyframes, particles)."""
+    if "internal" not in group:
+        return {}
+    variables = group.group("internal")
+    found = {name: _numbers(variables, name, (keyframes, particles)) for name in variables.names()}
+    for name, values in found.items():
+        if not np.isfinite(values).all():
+            raise variables.fault(f"'keyframes/internal/{name}' holds numbers that are not finite")
+    return found
 
 
 def _at_keyframes(group: GuardedGroup, name: str, step: np.ndarray, record: SceneRecord) -> np.ndarray:
@@ -253,8 +271,12 @@ def _write_scene(group: h5py.Group, record: SceneRecord, version: int) -> None:
             _write_array(group, name, _as_recorded(values))
     if record.keyframes is not None:
         keyframes = group.create_group("keyframes")
-        for name, values in vars(record.keyframes).items():
+        arrays = dict(vars(record.keyframes))
+        internal = arrays.pop("internal")
+        for name, values in arrays.items():
             _write_array(keyframes, name, values if name == "step" else _as_recorded(values))
+        for name, values in internal.items():
+            _write_array(keyframes.require_group("internal"), name, _as_recorded(values))
 
 
 def _as_recorded(values: np.ndarray) -> np.ndarray:

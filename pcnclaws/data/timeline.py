@@ -1,12 +1,10 @@
 """Timeline of a recorded scene in steps: where segments may begin, and what they show."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from pcnclaws.errors import UserError
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import SceneStart, start_of
+from pcnclaws.simulation.scenes import SceneStart, restarted, start_of
 
 # What a position of the unit box loses where each step rounds it in the same direction [m per step].
 ROUNDING = 0.5 * float(np.finfo(np.float32).eps)
@@ -39,14 +37,7 @@ class Timeline:
         keyframes = self.record.keyframes
         if keyframes is None or step == 0:
             return self.start
-        k = int(np.flatnonzero(keyframes.step == step)[0])
-        return replace(
-            self.start,
-            position=keyframes.position[k],
-            velocity=keyframes.velocity[k],
-            affine=keyframes.affine[k],
-            deformation=keyframes.deformation[k],
-        )
+        return restarted(self.start, keyframes, int(np.flatnonzero(keyframes.step == step)[0]))
 
     def frames(self, first: int, length: int, every: int) -> np.ndarray:
         """Positions [m] at first + every, first + 2 every, ..., (frames, particles, 3), NaN where not recorded."""

@@ -9,7 +9,7 @@ from pcnclaws.laws.base import Elasticity
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.batch import batch_scenes
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import SceneStart
+from pcnclaws.simulation.scenes import restarted, start_of
 from pcnclaws.tensor_types import Parameters, Scalars
 
 
@@ -62,31 +62,18 @@ def _keyframe_energies(
 ) -> tuple[Float[np.ndarray, " keyframes"], Float[np.ndarray, " keyframes"]]:
     """Kinetic and elastic energy, and the total one [J], of some keyframes."""
     lively, total = [], []
+    if record.keyframes is None:
+        raise ValueError("a record without keyframes has no full state")
+    start = start_of(record)
     for row in which:  # one at a time, which bounds the memory
-        batch = batch_scenes([_at_keyframe(record, int(row))], torch.float64)
+        state = restarted(start, record.keyframes, int(row))
+        batch = batch_scenes([state], torch.float64)
+        internal = {name: torch.tensor(values, dtype=torch.float64) for name, values in state.internal.items()}
         fields, settings = (batch.state, batch.scenes), record.settings
-        lively.append(scene_energy(*fields, batch.parameters, elasticity, settings.grid_spacing).item())
+        known = {**batch.parameters, **internal}
+        lively.append(scene_energy(*fields, known, elasticity, settings.grid_spacing).item())
         total.append(lively[-1] + potential_energy(*fields, settings.floor).item())
     return np.array(lively), np.array(total)
-
-
-def _at_keyframe(record: SceneRecord, row: int) -> SceneStart:
-    """One of the recorded full states."""
-    kept = record.keyframes
-    if kept is None:
-        raise ValueError("a record without keyframes has no full state")
-    return SceneStart(
-        record.name,
-        record.material,
-        record.settings,
-        record.parameters,
-        position=kept.position[row],
-        velocity=kept.velocity[row],
-        volume=record.volume,
-        affine=kept.affine[row],
-        deformation=kept.deformation[row],
-        density=record.density,
-    )
 
 
 def _by_scene(values: Scalars, scenes: Scenes) -> Tensor:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pcnclaws.simulation.recording import FramePlan
-from pcnclaws.simulation.records import TIME_TOLERANCE, Keyframes, SceneRecord
+from pcnclaws.simulation.records import TIME_TOLERANCE, SceneRecord
 from pcnclaws.simulation.scenes import start_of
 from pcnclaws.simulation.time_step import stability_of
 
@@ -42,8 +42,7 @@ def in_time_step(record: SceneRecord, time_step: float) -> SceneRecord:
         place = keyframes.step * (record.settings.time_step / time_step)
         step = np.rint(place).astype(np.int64)
         met = np.abs(place - step) <= TIME_TOLERANCE
-        arrays = (step, keyframes.position, keyframes.velocity, keyframes.affine, keyframes.deformation)
-        keyframes = Keyframes(*(array[met] for array in arrays)) if met.any() else None
+        keyframes = replace(keyframes, step=step).at(np.flatnonzero(met)) if met.any() else None
     return replace(record, settings=replace(record.settings, time_step=time_step), keyframes=keyframes)
 
 

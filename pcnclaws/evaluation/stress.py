@@ -11,7 +11,7 @@ from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.layout import matrices_first, matrices_last
 from pcnclaws.metrics import relative_stress_error
-from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.records import Keyframes, SceneRecord
 
 # A particle acts on, and feels, the grid nodes up to this many cells away.
 REACH = 1.5
@@ -26,19 +26,20 @@ def stress_error(record: SceneRecord, laws: Laws, analytic: Laws, dtype: torch.d
     dtype    of the stresses
     returns  None when the record has no keyframes after contact, or no stress at them
     """
-    deformation = _states_after_contact(record)
-    if deformation is None:
+    keyframes = _states_after_contact(record)
+    if keyframes is None:
         return None
     # one keyframe at a time: a neural law needs far more memory than the states themselves
+    rows = range(len(keyframes.step))
     stress, true_stress = (
-        np.concatenate([_stress(state, record, elasticity, dtype) for state in deformation])
+        np.concatenate([_stress(keyframes.at(slice(row, row + 1)), record, elasticity, dtype) for row in rows])
         for elasticity in (copy.deepcopy(some.elasticity).to(dtype) for some in (laws, analytic))
     )
     error = relative_stress_error(stress, true_stress)
     return None if math.isnan(error) else error
 
 
-def _states_after_contact(record: SceneRecord) -> Float[np.ndarray, "keyframes particles 3 3"] | None:
+def _states_after_contact(record: SceneRecord) -> Keyframes | None:
     keyframes = record.keyframes
     if keyframes is None:
         return None
@@ -46,15 +47,16 @@ def _states_after_contact(record: SceneRecord) -> Float[np.ndarray, "keyframes p
     low, high = settings.within(settings.wall_distance + REACH * settings.grid_spacing)
     touching = ((keyframes.position < low) | (keyframes.position > high)).any((1, 2))
     after = np.logical_or.accumulate(touching)
-    return keyframes.deformation[after] if after.any() else None
+    return keyframes.at(np.flatnonzero(after)) if after.any() else None
 
 
 @torch.no_grad()
 def _stress(
-    deformation: np.ndarray, record: SceneRecord, elasticity: Elasticity, dtype: torch.dtype
+    keyframe: Keyframes, record: SceneRecord, elasticity: Elasticity, dtype: torch.dtype
 ) -> Float[np.ndarray, "particles 3 3"]:
-    """Kirchhoff stress [Pa], (particles, 3, 3); the weights of the law, where it has any, are of the same type."""
+    """Kirchhoff stress [Pa] of one keyframe; the weights of the law, where it has any, are of the same type."""
     device = next(elasticity.parameters(), torch.zeros(())).device
-    states = torch.tensor(matrices_first(deformation), dtype=dtype, device=device)
-    parameters = {name: states.new_full((states.shape[2],), value) for name, value in record.parameters.items()}
-    return matrices_last(elasticity.kirchhoff_stress(states, parameters))
+    states = torch.tensor(matrices_first(keyframe.deformation[0]), dtype=dtype, device=device)
+    known = {name: states.new_full((states.shape[2],), value) for name, value in record.parameters.items()}
+    known |= {name: torch.tensor(one[0], dtype=dtype, device=device) for name, one in keyframe.internal.items()}
+    return matrices_last(elasticity.kirchhoff_stress(states, known))

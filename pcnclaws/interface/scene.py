@@ -108,12 +108,12 @@ class Scene:
     @property
     def cfl(self) -> float:
         """CFL number dt (c + |v|) / dx [-]: c of the stiffest particle, |v| after the fall to the wall."""
-        return stability_of(self._start).cfl
+        return stability_of(self._start, self.law.material).cfl
 
     @property
     def stable_time_step(self) -> float:
         """The largest stable time step [s], from the measured stability boundary; longer ones are refused."""
-        return stability_of(self._start).longest_time_step
+        return stability_of(self._start, self.law.material).longest_time_step
 
     def with_(self, **changes: Any) -> "Scene":
         """The scene with other arguments: body, law, velocity, ..., or parameters."""
@@ -252,11 +252,13 @@ class Scene:
         )
         if not self.settings.is_automatic:
             return start
-        return replace(start, settings=replace(settings, time_step=stability_of(start).automatic_time_step))
+        return replace(
+            start, settings=replace(settings, time_step=stability_of(start, self.law.material).automatic_time_step)
+        )
 
     def _check_run(self) -> None:
         """Refuses an unstable time step; says what is doubtful, once of a scene and of all that `with_` makes of it."""
-        start, stability = self._start, stability_of(self._start)
+        start, stability = self._start, stability_of(self._start, self.law.material)
         if not stability.is_stable or self._is_new("time step", start.settings.time_step):
             stability.check()
         if self._is_new("particles", self.body, start.settings.grid_spacing):
@@ -303,7 +305,7 @@ def simulate_scenes(
             records = simulate_records(group, law.laws, plan, Execution(precision.dtype, precision.device))
         except SimulationDiverged as error:
             named = next((start for start in group if f"scene '{start.name}'" in str(error)), group[0])
-            raise type(error)(f"{error}; {stability_of(named).advice(error)}") from error
+            raise type(error)(f"{error}; {stability_of(named, law.material).advice(error)}") from error
         for k, record in zip(of_law, records, strict=True):
             motions[k] = Motion(record, precision.device, tuple(starts[k].varying))
     return [motions[k] for k in range(len(scenes))]

@@ -1,11 +1,13 @@
-"""The two interfaces of material: a law is stateless, isotropic and knows neither scenes nor grid.
+"""The interfaces of elastic and plastic laws, which are isotropic and know neither scenes nor grid.
 
-A law is one class with its parameters and one function of principal Hencky strains, of which its kernels are made.
+What a law remembers of a particle is given to it and taken from it. A law is one class with its parameters and one
+function of principal Hencky strains, of which its kernels are made.
 """
 
 import logging
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -15,27 +17,32 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from pcnclaws.compiled.calls import kernels_serve
-from pcnclaws.compiled.isotropic_laws import isotropic_law, law_serves
+from pcnclaws.compiled.isotropic_laws import LawArrays, isotropic_law, law_serves
 from pcnclaws.compiled.law_source import LawKernel, LawShape, law_kernel
 from pcnclaws.compiled.symbols import Symbol, Untraceable, derivative
 from pcnclaws.laws import principal
+from pcnclaws.laws.internal_variables import InternalVariable, start_values
 from pcnclaws.laws.networks import ConditionalMLP
 from pcnclaws.laws.parameters import Parameter
-from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.tensor_types import InternalValues, Matrices, Parameters
 
 log = logging.getLogger(__name__)
 
 # Three principal values: tensors (particles,) in PyTorch, numbers of a kernel when it is made.
 Values = Sequence[Any]
+# What laws that flow with time read as a parameter [s].
+TIME_STEP = "time_step"
 
 
 class Law(nn.Module, ABC):
     """What elasticity and plasticity share: physical parameters, and a kernel that computes the same, faster.
 
     physical_parameters  that the law depends on
+    internal_variables   that the law reads, and a plastic one changes; formulas read them as p.<name>
     """
 
     physical_parameters: ClassVar[tuple[Parameter, ...]] = ()
+    internal_variables: ClassVar[tuple[InternalVariable, ...]] = ()
     parameter_names: tuple[str, ...] = ()
     returns_strain: ClassVar[bool]
 
@@ -66,34 +73,61 @@ class Law(nn.Module, ABC):
         """
 
     @property
+    @abstractmethod
     def is_principal(self) -> bool:
-        """Whether the law is its function of principal strains; False where `evaluate` says another one."""
-        return type(self).evaluate in (Elasticity.evaluate, Plasticity.evaluate) and self._of_strains
-
-    @property
-    @abstractmethod
-    def _of_strains(self) -> bool:
-        """Whether the function of F is the one of principal strains."""
+        """Whether the law is its function of principal strains; False where the function of F is another one."""
 
     @abstractmethod
-    def evaluate(self, deformation: Matrices, parameters: Parameters) -> Matrices:
-        """The law in PyTorch: the reference, and what runs where no kernel does."""
+    def evaluate(self, deformation: Matrices, known: Parameters) -> tuple[Matrices, Mapping[str, Tensor]]:
+        """The law in PyTorch: the reference, and what runs where no kernel does.
+
+        known    physical parameters and internal variables by name, each (particles,)
+        returns  the result, and the internal variables that have changed
+        """
 
     def forward(self, deformation: Matrices, parameters: Parameters, evaluated: bool = True) -> Matrices:
-        """evaluated: False for a result that is differentiated but not looked at, which a kernel need not compute."""
+        """Stress or elastic deformation, with the internal variables of an undeformed body."""
+        return self.answer(deformation, parameters, None, evaluated)[0]
+
+    def answer(
+        self,
+        deformation: Matrices,
+        parameters: Parameters,
+        internal: InternalValues | None = None,
+        evaluated: bool = True,
+    ) -> tuple[Matrices, InternalValues | None]:
+        """The result, and the internal variables after it, None without any.
+
+        internal   internal variables of the law before it, (variables, particles); None: of an undeformed body
+        evaluated  False for a result that is differentiated but not looked at, which a kernel need not compute
+        """
+        if internal is None and self.internal_variables:
+            internal = start_values(self.internal_variables, deformation)
         kernel = self.kernel
         if kernel is None:
-            return self.evaluate(deformation, parameters)
+            return self._evaluated(deformation, parameters, internal)
         network = self._network
         weights = network.all_weights if network is not None else ()
-        if not kernels_serve(deformation, list(parameters.values()), weights=weights) or not law_serves(
-            kernel, deformation
-        ):
-            return self.evaluate(deformation, parameters)
+        given = list(parameters.values()) if internal is None else [*parameters.values(), internal]
+        if not kernels_serve(deformation, given, weights=weights) or not law_serves(kernel, deformation):
+            return self._evaluated(deformation, parameters, internal)
         rows = parameters.rows_of(self) if isinstance(parameters, FixedParameters) else None
         if rows is None:
             rows = self.kernel_rows(parameters)
-        return isotropic_law(kernel, deformation, rows.expand(-1, deformation.shape[-1]), weights, evaluated)
+        rows = rows.expand(-1, deformation.shape[-1])
+        result, after = isotropic_law(kernel, LawArrays(deformation, rows, internal, weights), evaluated)
+        return result, internal if after is None else after
+
+    def _evaluated(
+        self, deformation: Matrices, parameters: Parameters, internal: InternalValues | None
+    ) -> tuple[Matrices, InternalValues | None]:
+        if internal is None:
+            return self.evaluate(deformation, parameters)[0], None
+        before = {one.name: row for one, row in zip(self.internal_variables, internal.unbind(0), strict=True)}
+        result, changed = self.evaluate(deformation, {**parameters, **before})
+        if not changed:
+            return result, internal
+        return result, torch.stack(torch.broadcast_tensors(*{**before, **changed}.values()))
 
     @cached_property
     def kernel(self) -> LawKernel | None:
@@ -101,18 +135,25 @@ class Law(nn.Module, ABC):
         if not self.is_principal:
             return None
         network, names = self._network, self._coefficient_names()
-        shape = LawShape(self.returns_strain, len(names))
+        remembered = [variable.name for variable in self.internal_variables]
+        shape = LawShape(self.returns_strain, len(names), len(remembered))
         if network is not None:
             features = len(self.features(list(torch.ones(3, 1))))
-            shape = LawShape(
-                self.returns_strain, len(names), features, network.outputs, network.inputs - features, network.layers
+            shape = replace(
+                shape,
+                features=features,
+                outputs=network.outputs,
+                conditions=network.inputs - features,
+                layers=network.layers,
             )
         try:
             return law_kernel(
                 type(self).__name__,
                 shape,
                 self.features if network is not None else None,
-                lambda h, x, p, f: self.respond(h, SimpleNamespace(**dict(zip(names, p, strict=True))), x, f),
+                lambda h, x, p, f: self.respond(
+                    h, SimpleNamespace(**dict(zip((*names, *remembered), p, strict=True))), x, f
+                ),
             )
         except (Untraceable, TypeError) as error:
             log.warning("the law %s runs in PyTorch, without a kernel: %s", type(self).__name__, error)
@@ -123,10 +164,9 @@ class Law(nn.Module, ABC):
         values = (*self.coefficients(parameters).values(), *self.conditions(parameters))
         return torch.stack(torch.broadcast_tensors(*values))
 
-    def response(self, parameters: Parameters) -> principal.Response:
-        """The function of principal strains with these parameters, in PyTorch."""
-        coefficients = SimpleNamespace(**{n: v.double() for n, v in self.coefficients(parameters).items()})
-        conditions = self.conditions(parameters)
+    def response(self, known: Parameters) -> principal.Response:
+        """The function of principal strains with these parameters and internal variables, in PyTorch."""
+        coefficients, conditions = self._formula_inputs(known), self.conditions(known)
 
         def of_strains(h: Tensor) -> Tensor:
             strains = h.unbind(0)
@@ -142,6 +182,12 @@ class Law(nn.Module, ABC):
 
         return of_strains
 
+    def _formula_inputs(self, known: Parameters) -> SimpleNamespace:
+        """What formulas read as p.<name>, in double precision; internal variables at their start where not given."""
+        starts = {variable.name: variable.start for variable in self.internal_variables}
+        read = {**starts, **self.coefficients(known), **{name: known[name] for name in starts if name in known}}
+        return SimpleNamespace(**{n: v.double() if isinstance(v, Tensor) else v for n, v in read.items()})
+
     @property
     def _network(self) -> ConditionalMLP | None:
         """The network of the features and of `conditions`, None without one."""
@@ -149,7 +195,7 @@ class Law(nn.Module, ABC):
         return network if isinstance(network, ConditionalMLP) else None
 
     def _coefficient_names(self) -> tuple[str, ...]:
-        anything = {name: torch.full((1,), 0.25) for name in self.parameter_names}
+        anything = {name: torch.full((1,), 0.25) for name in (*self.parameter_names, TIME_STEP)}
         return tuple(self.coefficients(anything))
 
 
@@ -195,7 +241,8 @@ class FixedParameters(dict[str, Tensor]):
 class Elasticity(Law):
     """Elastic law: deformation gradient to Kirchhoff stress.
 
-    A law states its principal stress, or its energy, or (without a kernel) kirchhoff_stress itself.
+    A law states its principal stress, or its energy, or (without a kernel) kirchhoff_stress itself. It may read
+    internal variables; a plastic law changes them.
     """
 
     returns_strain = False
@@ -203,7 +250,7 @@ class Elasticity(Law):
     def principal_stress(self, h: Values, p: Any) -> Values:
         """Principal Kirchhoff stresses [Pa] of principal Hencky strains h: the derivatives of the energy.
 
-        p  the coefficients, by name
+        p  the coefficients, and internal variables, by name
         """
         return _gradient(lambda strains: self.principal_energy(strains, p), h)
 
@@ -215,7 +262,7 @@ class Elasticity(Law):
         """Kirchhoff stress tau = P F^T [Pa], (3, 3, particles), symmetric.
 
         deformation  elastic deformation gradient F [-], (3, 3, particles), det F > 0
-        parameters   physical parameters by name, each (particles,)
+        parameters   physical parameters, and internal variables, by name, each (particles,)
         """
         return principal.stress(deformation, self.response(parameters))
 
@@ -224,9 +271,8 @@ class Elasticity(Law):
 
         raises  NotImplementedError for a law that states none
         """
-        coefficients = SimpleNamespace(**{n: v.double() for n, v in self.coefficients(parameters).items()})
         strains = principal.strains(deformation)
-        return self.principal_energy(strains.unbind(0), coefficients).to(deformation.dtype)
+        return self.principal_energy(strains.unbind(0), self._formula_inputs(parameters)).to(deformation.dtype)
 
     @property
     def has_energy(self) -> bool:
@@ -237,20 +283,28 @@ class Elasticity(Law):
         return self.principal_stress(h, p)
 
     @property
-    def _of_strains(self) -> bool:
+    def is_principal(self) -> bool:
         return type(self).kirchhoff_stress is Elasticity.kirchhoff_stress
 
-    def evaluate(self, deformation: Matrices, parameters: Parameters) -> Matrices:
-        return self.kirchhoff_stress(deformation, parameters)
+    def evaluate(self, deformation: Matrices, known: Parameters) -> tuple[Matrices, Mapping[str, Tensor]]:
+        return self.kirchhoff_stress(deformation, known), {}
 
 
 class Plasticity(Law):
-    """Plastic law: trial deformation gradient to elastic deformation gradient.
+    """Plastic law: trial deformation gradient and internal variables to those after plastic flow.
 
-    A law states the strain after plastic flow, or (without a kernel) return_map itself.
+    A law states the strain after plastic flow, or with internal variables the flow, or (without a kernel) return_map
+    itself.
+
+    reads_time_step  formulas read p.time_step [s], and `coefficients` parameters["time_step"]: plastic flow takes time
     """
 
     returns_strain = True
+    reads_time_step: ClassVar[bool] = False
+
+    def coefficients(self, parameters: Parameters) -> Mapping[str, Tensor]:
+        read = super().coefficients(parameters)
+        return {**read, TIME_STEP: parameters[TIME_STEP]} if self.reads_time_step else read
 
     def strain_after_flow(self, h: Values, p: Any) -> Values:
         """Principal Hencky strains after plastic flow [-] from those of the trial deformation, h.
@@ -259,20 +313,34 @@ class Plasticity(Law):
         """
         raise NotImplementedError(f"{type(self).__name__} states no strain after plastic flow")
 
+    def flow(self, h: Values, p: Any) -> tuple[Values, Mapping[str, Any]]:
+        """Principal Hencky strains after plastic flow [-], and the internal variables that have changed, by name.
+
+        p  the coefficients and the internal variables before it, by name
+        """
+        return self.strain_after_flow(h, p), {}
+
     def return_map(self, trial: Matrices, parameters: Parameters) -> Matrices:
         """Elastic deformation gradient after plastic flow [-], (3, 3, particles).
 
         trial       trial deformation gradient [-], (3, 3, particles), det > 0
-        parameters  physical parameters by name, each (particles,)
+        parameters  physical parameters, and internal variables, by name, each (particles,)
         """
-        return principal.elastic_deformation(trial, self.response(parameters))
+        return self.evaluate(trial, parameters)[0]
 
     def respond(self, h: Values, p: Any, x: Values, f: Values) -> Values:
-        return self.strain_after_flow(h, p)
+        """Three strains after plastic flow, then the internal variables after it."""
+        strains, changed = self.flow(h, p)
+        return [*strains, *(changed.get(one.name, getattr(p, one.name)) for one in self.internal_variables)]
 
     @property
-    def _of_strains(self) -> bool:
-        return type(self).return_map is Plasticity.return_map
+    def is_principal(self) -> bool:
+        return type(self).return_map is Plasticity.return_map and type(self).evaluate is Plasticity.evaluate
 
-    def evaluate(self, deformation: Matrices, parameters: Parameters) -> Matrices:
-        return self.return_map(deformation, parameters)
+    def evaluate(self, deformation: Matrices, known: Parameters) -> tuple[Matrices, Mapping[str, Tensor]]:
+        """For a law of F with internal variables to say otherwise; one without says return_map."""
+        if type(self).return_map is not Plasticity.return_map:
+            return self.return_map(deformation, known), {}
+        result, after = principal.elastic_deformation(deformation, self.response(known))
+        names = [variable.name for variable in self.internal_variables]
+        return result, dict(zip(names, after.to(deformation.dtype).unbind(0), strict=True))

@@ -36,6 +36,7 @@ class Material:
     ranges   of each physical parameter of the laws; their middle is the default
     objects  that laws are tested with
     colour   of its particles in pictures, RGB from 0 to 1
+    viscous  class of its viscous law, or where it is; None: no stress depends on the velocity gradient
     """
 
     name: str
@@ -44,6 +45,7 @@ class Material:
     ranges: Mapping[str, tuple[float, float]]
     objects: tuple[ReferenceObject, ...] = ()
     colour: tuple[float, float, float] = OTHER_COLOUR
+    viscous: Any = None
 
     @property
     def elasticity(self) -> Any:
@@ -54,6 +56,11 @@ class Material:
     def plasticity(self) -> Any:
         """The class of the plastic law, None for a purely elastic material."""
         return resolved(self.plastic)
+
+    @property
+    def viscosity(self) -> Any:
+        """The class of the viscous law, None without one."""
+        return resolved(self.viscous)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -67,7 +74,7 @@ class Material:
     @property
     def physical_parameters(self) -> tuple[Parameter, ...]:
         """Those of its laws, each once."""
-        laws = [law for law in (self.elasticity, self.plasticity) if law is not None]
+        laws = [law for law in (self.elasticity, self.plasticity, self.viscosity) if law is not None]
         return tuple(dict.fromkeys(parameter for law in laws for parameter in law.physical_parameters))
 
 

@@ -13,7 +13,7 @@ LARGEST_WIDTH = 1024
 def build_neural_laws(material: Material, model: Mapping[str, object]) -> Laws:
     """Untrained neural laws of a material from the plain fields of a `model` config: name and width.
 
-    A purely elastic material gets no plastic network at all.
+    A purely elastic material gets no plastic network at all; a viscous law is the material's own.
     """
     fields = dict(model)
     name = fields.pop("name", None)
@@ -26,4 +26,5 @@ def build_neural_laws(material: Material, model: Mapping[str, object]) -> Laws:
     if isinstance(width, bool) or not isinstance(width, int) or not 1 <= width <= LARGEST_WIDTH:
         raise UserError(f"model.width={width} is not accepted; accepted: a whole number from 1 to {LARGEST_WIDTH}")
     plastic = network.plasticity(material, width) if material.plasticity else None
-    return Laws(network.elasticity(material, width), plastic)
+    viscous = material.viscosity() if material.viscosity else None
+    return Laws(network.elasticity(material, width), plastic, viscous)

@@ -141,6 +141,10 @@ YIELD_STRESS = Parameter(
     search=(1.0, 1e7),
     is_stress=True,
 )
+# Dynamic viscosity.
+VISCOSITY = Parameter(
+    "viscosity", "eta", "Pa s", lower_included=True, glyph="η", logarithmic=True, search=(1e-3, 1e6), widest=2.0
+)
 
 # All that are known, by name: those of the registered materials (materials.py).
 PARAMETERS: dict[str, Parameter] = {

@@ -16,8 +16,9 @@ from pcnclaws.graded_axes import orthogonalise, principal_axes
 from pcnclaws.tensor_types import Matrices
 
 Principal = Float[Tensor, "3 particles"]
-# Three principal strains to three principal values, each (3, particles), in double precision.
-Response = Callable[[Principal], Principal]
+# Three principal strains (3, particles) to three principal values, and what else follows from them, (3 and more,
+# particles), in double precision.
+Response = Callable[[Principal], Float[Tensor, "values particles"]]
 # Two squared stretches meet where the rounding of their difference weighs as much as the curvature of a law that flows
 # at strains of 1e-6.
 MEETING = 4e-9
@@ -38,25 +39,28 @@ def stress(deformation: Matrices, response: Response) -> Matrices:
     return _turned(axes.q, torch.diag_embed(y.T) + off * axes.change, axes.q.mT).to(deformation.dtype)
 
 
-def elastic_deformation(deformation: Matrices, response: Response) -> Matrices:
+def elastic_deformation(
+    deformation: Matrices, response: Response
+) -> tuple[Matrices, Float[Tensor, "variables particles"]]:
     """Elastic deformation gradient [-], (3, 3, particles), of a response that gives the strains after plastic flow.
 
     Exactly F where the strains stay the same.
+    returns  it, and what else the response gives: internal variables after plastic flow
     """
     axes = _axes(deformation)
-    after = response(axes.strain)
+    after, internal = response(axes.strain).tensor_split([3])
     change = after - axes.strain
     # F' = Q diag(e^y) Q^T F, as F + Q diag(e^y - 1) Q^T F where that is more accurate
     small = (change.detach().abs().amax(0) < LARGE)[:, None, None].to(change.dtype)
     stretch = change.exp()
     # e^y - 1, whose differences have more digits than those of e^y
     off = _divided_differences(
-        axes.square, change.detach().expm1(), lambda h: (response(h) - h).expm1(), axes.strain.detach()
+        axes.square, change.detach().expm1(), lambda h: (response(h)[:3] - h).expm1(), axes.strain.detach()
     )
     g = axes.g + axes.q.mT @ (axes.f - axes.f.detach())
     turned = torch.diag_embed(stretch.T - small[:, :, 0]) @ g + (off * axes.change) @ axes.g
     result = small * axes.f + axes.q @ turned
-    return result.movedim(0, -1).to(deformation.dtype)
+    return result.movedim(0, -1).to(deformation.dtype), internal
 
 
 def strains(deformation: Matrices) -> Principal:

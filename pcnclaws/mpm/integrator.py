@@ -61,18 +61,20 @@ class MPMIntegrator(nn.Module):
         take_impulses  is given the impulses of the colliders [N s]
         """
         state = self._loaded(state, scenes, step)
-        served = kernels_serve(state.position, (*state[1:], stress), scenes.constants)
+        served = kernels_serve(state.position, (*state[1:4], stress), scenes.constants)
         bodies = (scenes.scene_index, *scenes.constants)
         if served and not self._on_grid:
             grid = self._grid(state, by_kernel=True)
-            return ParticleState(*compiled_step(self.kernel_settings(grid), bodies, (*state, stress)))
+            moved = compiled_step(self.kernel_settings(grid), bodies, (*state[:4], stress))
+            return ParticleState(*moved, internal=state.internal)
 
         grid = self._grid(state)
         if served:
             kernel = self.kernel_settings(grid)
-            nodes = to_grid(kernel, bodies, (*state, stress)).T
+            nodes = to_grid(kernel, bodies, (*state[:4], stress)).T
             velocity = self._moved(nodes, grid, scenes, step, take_impulses)
-            return ParticleState(*from_grid(kernel, bodies, velocity, state.position, state.deformation))
+            moved = from_grid(kernel, bodies, velocity, state.position, state.deformation)
+            return ParticleState(*moved, internal=state.internal)
 
         dt, dx = self.settings.time_step, grid.spacing
         stencil = quadratic_stencil(state.position, scenes.scene_index, grid, _offsets(grid, state.position.device))
@@ -88,7 +90,7 @@ class MPMIntegrator(nn.Module):
         velocity, affine = grid_to_particles(stencil, velocity, dx)
         position = state.position + dt * velocity
         deformation = state.deformation + dt * matmul(affine, state.deformation)
-        return ParticleState(position, velocity, affine, deformation)
+        return ParticleState(position, velocity, affine, deformation, state.internal)
 
     @property
     def is_recordable(self) -> bool:

@@ -5,22 +5,40 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from pcnclaws.tensor_types import Matrices, Scalars, SceneIndex, SceneVectors, Vectors
+from pcnclaws.tensor_types import InternalValues, Matrices, Scalars, SceneIndex, SceneVectors, Vectors
 
 
-class ParticleState(NamedTuple):
+class _Fields(NamedTuple):
+    position: Vectors
+    velocity: Vectors
+    affine: Matrices
+    deformation: Matrices
+    internal: InternalValues
+
+
+class ParticleState(_Fields):
     """State of all particles of all scenes of a batch, concatenated.
 
     position     [m], (3, particles)
     velocity     [m/s], (3, particles)
     affine       APIC velocity gradient C [1/s], (3, 3, particles), C[i, j] = d velocity_i / d position_j
     deformation  elastic deformation gradient F [-], (3, 3, particles)
+    internal     internal variables of the laws, (variables, particles), none unless they are given
     """
 
-    position: Vectors
-    velocity: Vectors
-    affine: Matrices
-    deformation: Matrices
+    __slots__ = ()
+
+    def __new__(
+        cls,
+        position: Vectors,
+        velocity: Vectors,
+        affine: Matrices,
+        deformation: Matrices,
+        internal: InternalValues | None = None,
+    ) -> "ParticleState":
+        if internal is None:
+            internal = position.new_empty(0, position.shape[-1])
+        return super().__new__(cls, position, velocity, affine, deformation, internal)
 
     @classmethod
     def at_rest_shape(cls, position: Vectors, velocity: Vectors, affine: Matrices | None = None) -> "ParticleState":

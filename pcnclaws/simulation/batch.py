@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pcnclaws.laws.internal_variables import InternalVariable
 from pcnclaws.layout import matrices_first, vectors_first
 from pcnclaws.mpm.loads import load_shares
 from pcnclaws.mpm.state import ParticleState, Scenes
@@ -31,10 +32,15 @@ class SceneBatch(NamedTuple):
 
 
 def batch_scenes(
-    starts: Sequence[SceneStart], dtype: torch.dtype = torch.float32, device: str | torch.device = "cpu"
+    starts: Sequence[SceneStart],
+    dtype: torch.dtype = torch.float32,
+    device: str | torch.device = "cpu",
+    internal_variables: Sequence[InternalVariable] = (),
 ) -> SceneBatch:
     """Scenes as one flat batch. Gravity and density may differ between them, the other settings may not.
 
+    internal_variables  of the laws, for scenes that start with values of theirs; without them the state has none, and
+                        is that of undeformed bodies
     raises  ValueError when the scenes cannot share a batch
     """
     if not starts or len(group_by_settings(starts)) != 1:
@@ -61,6 +67,7 @@ def batch_scenes(
         tensor(vectors_first(np.concatenate([start.velocity for start in starts]))),
         tensor(_matrices_first(starts, "affine", np.zeros((3, 3)))),
         tensor(_matrices_first(starts, "deformation", np.eye(3))),
+        tensor(np.stack(rows)) if (rows := [_row(starts, one) for one in internal_variables]) else None,
     )
     gravity = tensor(vectors_first(np.array([start.settings.gravity for start in starts])))
     scene_index = torch.tensor(index, dtype=torch.int64, device=device)
@@ -69,6 +76,14 @@ def batch_scenes(
     scenes = Scenes(scene_index, mass, tensor(volume), gravity, shares)
     parameters = {name: tensor(np.concatenate([values[name] for values in of_particles])) for name in sorted(names)}
     return SceneBatch(state, scenes, parameters, tuple(start.name for start in starts))
+
+
+def _row(starts: Sequence[SceneStart], variable: InternalVariable) -> np.ndarray:
+    """The values of an internal variable, (particles,)."""
+    fresh = [np.full(len(start.position), variable.start) for start in starts]
+    return np.concatenate(
+        [start.internal.get(variable.name, values) for start, values in zip(starts, fresh, strict=True)]
+    )
 
 
 def _matrices_first(starts: Sequence[SceneStart], name: str, missing: np.ndarray) -> np.ndarray:

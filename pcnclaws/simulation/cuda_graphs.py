@@ -78,6 +78,7 @@ def _law_inputs(
     simulator: Simulator, state: ParticleState, scenes: Scenes, parameters: Parameters
 ) -> tuple[tuple[str, ...] | None, list[Tensor]]:
     """Names and inputs of _Batch: what kernels read of the parameters is computed and differentiated once."""
+    parameters = simulator.law_parameters(parameters)
     given = (*state[1:], *parameters.values())
     served = kernels_serve(state.position, given, scenes.constants, list(simulator.parameters()))
     if not (served and simulator.runs_compiled(state)):

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 from torch.autograd import forward_ad
 
+from pcnclaws.laws.internal_variables import start_values
 from pcnclaws.linalg3 import identity_like
 from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.mpm.grid import grid_of
@@ -33,13 +34,17 @@ def free_steps(
     """How many of the next steps each scene stays in free fall.
 
     0 for a scene that spins, is deformed, has stress at F = I, bears loads, or touches a wall that it moves into or a
-    collider; also where velocity, C or F carry derivatives, since a change of them alone would end the free fall.
+    collider; also where velocity, C, F or internal variables carry derivatives, since a change of them would end it.
     """
     settings = simulator.integrator.settings
-    if settings.loads or any(map(_carries_derivative, (state.velocity, state.affine, state.deformation))):
+    if settings.loads or any(map(_carries_derivative, state[1:])):
         return [0] * scenes.scene_count
     first = _first_particles(scenes)
-    falls = _moves_as_one(state, scenes, first).tolist()
+    falls = _moves_as_one(state, scenes, first)
+    if simulator.internal_variables:
+        changed = (state.internal != start_values(simulator.internal_variables, state.position)).any(0)
+        falls = falls & ~torch.zeros_like(falls).index_put((scenes.scene_index,), changed, accumulate=True)
+    falls = falls.tolist()
     of_scenes = {name: values[first] for name, values in parameters.items()}
     if not any(falls) or not is_stress_free_at_rest(simulator, of_scenes):
         return [0] * scenes.scene_count

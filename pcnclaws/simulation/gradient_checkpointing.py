@@ -46,7 +46,10 @@ class _RecomputedStep(torch.autograd.Function):
         with torch.enable_grad():
             after = _step(ctx.simulator, ctx.names, fields, ctx.n, evaluated=False)
         wanted = [tensor for tensor, need in zip(tensors, needed, strict=True) if need]
-        found = iter(torch.autograd.grad(after, wanted, gradients, allow_unused=True))
+        # internal variables that nothing changes may carry no derivative
+        carried = [(field, gradient) for field, gradient in zip(after, gradients, strict=True) if field.requires_grad]
+        outputs, incoming = zip(*carried, strict=True)
+        found = iter(torch.autograd.grad(outputs, wanted, incoming, allow_unused=True))
         return (None, None, None, *(next(found) if need else None for need in needed))
 
 

@@ -30,22 +30,32 @@ def simulate_records(
     """
     dtype, device, skips = execution.dtype, execution.device, execution.skips
     done: dict[int, SceneRecord] = {}
+    names = [variable.name for variable in laws.internal_variables]
     for group in group_by_settings(starts):
         simulator = copy.deepcopy(simulator_of(laws, group[0].settings, skips)).to(device=device, dtype=dtype)
-        batch = batch_scenes(group, dtype, device)
+        batch = batch_scenes(group, dtype, device, laws.internal_variables)
         trajectory = simulate_scenes(simulator, batch, plan, skips, execution.progress)
-        done |= {id(start): record for start, record in zip(group, _records(group, batch, trajectory), strict=True)}
+        done |= {
+            id(start): record for start, record in zip(group, _records(group, batch, trajectory, names), strict=True)
+        }
     return [done[id(start)] for start in starts]
 
 
-def _records(starts: Sequence[SceneStart], batch: SceneBatch, trajectory: Trajectory) -> list[SceneRecord]:
+def _records(
+    starts: Sequence[SceneStart], batch: SceneBatch, trajectory: Trajectory, internal_names: Sequence[str]
+) -> list[SceneRecord]:
+    """internal_names: of the internal variables that the trajectory holds."""
     counts = batch.particle_counts
     step, keyframe_step = trajectory.step.numpy(), trajectory.keyframe_step.numpy()
     vectors = (trajectory.position, trajectory.velocity, trajectory.keyframe_velocity)
     fields = [split_vectors(field, counts) for field in vectors]
     fields += [split_matrices(field, counts) for field in (trajectory.affine, trajectory.deformation)]
+    remembered = [one.cpu().numpy() for one in trajectory.internal.split(counts, dim=-1)]
     records = []
-    for scene, (start, position, velocity, *full_states) in enumerate(zip(starts, *fields, strict=True)):
+    for scene, (start, internal, position, velocity, *full_states) in enumerate(
+        zip(starts, remembered, *fields, strict=True)
+    ):
+        variables = dict(zip(internal_names, internal.swapaxes(0, 1), strict=True))
         parameters = {name: value for name, value in start.parameters.items() if name not in start.varying}
         at = np.searchsorted(step, keyframe_step)
         records.append(
@@ -59,7 +69,7 @@ def _records(starts: Sequence[SceneStart], batch: SceneBatch, trajectory: Trajec
                 volume=start.volume.astype(position.dtype),
                 initial_velocity=start.velocity.astype(position.dtype),
                 velocity=velocity if len(velocity) else None,
-                keyframes=Keyframes(keyframe_step, position[at], *full_states) if len(at) else None,
+                keyframes=Keyframes(keyframe_step, position[at], *full_states, internal=variables) if len(at) else None,
                 initial_affine=None
                 if start.affine is None or not start.affine.any()
                 else start.affine.astype(position.dtype),

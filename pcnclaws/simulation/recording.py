@@ -20,6 +20,7 @@ class Trajectory(NamedTuple):
     affine             C [1/s], (keyframes, 3, 3, particles)
     deformation        F [-], (keyframes, 3, 3, particles)
     keyframe_velocity  [m/s], (keyframes, 3, particles)
+    internal           internal variables, (keyframes, variables, particles)
     impulses           of colliders since the start [N s], (frames, scenes, colliders, 3)
     """
 
@@ -30,6 +31,7 @@ class Trajectory(NamedTuple):
     affine: Float[Tensor, "keyframes 3 3 particles"]
     deformation: Float[Tensor, "keyframes 3 3 particles"]
     keyframe_velocity: Float[Tensor, "keyframes 3 particles"]
+    internal: Float[Tensor, "keyframes variables particles"]
     impulses: Float[Tensor, "frames scenes colliders 3"]
 
 
@@ -94,7 +96,7 @@ class Recording:
         if len(full[0]) > len(keyframes):  # more than asked for
             rows = [self._full_row[n] for n in keyframes]
             full = [field[rows] for field in full]
-        velocity, affine, deformation = full
+        velocity, affine, deformation, internal = full
         step, keyframe_step = (torch.tensor(steps, dtype=torch.int64) for steps in (self.plan.frames, keyframes))
         return Trajectory(
             step=step,
@@ -104,5 +106,6 @@ class Recording:
             affine=affine,
             deformation=deformation,
             keyframe_velocity=velocity,
+            internal=internal,
             impulses=self._impulses,
         )

@@ -1,7 +1,7 @@
 """Scene records: what one group of a trajectory file holds. Particle-first arrays."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int64
@@ -23,6 +23,7 @@ class Keyframes:
     velocity     [m/s], (keyframes, particles, 3)
     affine       APIC velocity gradient C [1/s], (keyframes, particles, 3, 3)
     deformation  elastic deformation gradient F [-], (keyframes, particles, 3, 3)
+    internal     internal variables by name, each (keyframes, particles)
     """
 
     step: Int64[np.ndarray, " keyframes"]
@@ -30,6 +31,13 @@ class Keyframes:
     velocity: Float[np.ndarray, "keyframes particles 3"]
     affine: Float[np.ndarray, "keyframes particles 3 3"]
     deformation: Float[np.ndarray, "keyframes particles 3 3"]
+    internal: Mapping[str, Float[np.ndarray, "keyframes particles"]] = field(default_factory=dict)
+
+    def at(self, rows: slice | np.ndarray) -> "Keyframes":
+        """Some of them."""
+        internal = {name: values[rows] for name, values in self.internal.items()}
+        arrays = (self.step, self.position, self.velocity, self.affine, self.deformation)
+        return Keyframes(*(values[rows] for values in arrays), internal=internal)
 
 
 @dataclass(frozen=True)

@@ -81,13 +81,15 @@ def simulate_scenes(
     """
     skips = skips or Skips()
     settings = simulator.integrator.settings
+    batch = batch._replace(state=simulator.started(batch.state))
     free = _free_steps(simulator, batch, plan.steps, skips)
     impulses = ImpulseSum(batch.scenes.scene_count, len(settings.colliders)) if settings.colliders else None
     step_of = partial(simulator.step_function, take_impulses=impulses.take if impulses else None)
     run = ActiveScenes(step_of, batch, settings.time_step, free, impulses)
     recording = Recording(plan, batch.state, not skips.history, impulses)
     # what changes with time may wake a scene that rests
-    watch = RestWatch(settings, plan.steps) if skips.rest and not settings.changes else None
+    rests = skips.rest and not (settings.changes or simulator.takes_time)
+    watch = RestWatch(settings, plan.steps) if rests else None
     return _run(run, recording, watch, _Report(batch.names or None, "", progress, settings.limits), simulator)
 
 
@@ -95,6 +97,7 @@ def simulate_scenes(
 def state_after(simulator: Simulator, batch: SceneBatch, steps: int) -> ParticleState:
     """The state `steps` steps later: every step is run, without a graph, and nobody looks whether it is physical."""
     state, scenes, parameters, _ = batch
+    state = simulator.started(state)
     if records_steps(simulator, state, scenes):
         return advanced(simulator, state, scenes, parameters, steps)[0]
     step = simulator.step_function(scenes, parameters)
@@ -140,6 +143,7 @@ def positions_at(
     steps  how many are run, None for as many as are needed
     """
     skips, steps = skips or Skips(), max(at[-1], 1) if steps is None else steps
+    batch = batch._replace(state=simulator.started(batch.state))
     state, scenes = batch.state, batch.scenes
     free = [min(n, steps - 1) for n in _free_steps(simulator, batch, steps, skips)]
     if recompute is None and not records_steps(simulator, state, scenes):

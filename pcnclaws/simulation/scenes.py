@@ -12,7 +12,7 @@ from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.parameters import validate_parameters
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.placement import require_inside
-from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.records import Keyframes, SceneRecord
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,7 @@ class SceneStart:
     volume       initial volume [m^3], (particles,)
     affine       APIC velocity gradient C [1/s], (particles, 3, 3), None for 0
     deformation  elastic deformation gradient F [-], (particles, 3, 3), None for I
+    internal     internal variables by name, each (particles,), those of an undeformed body where they are missing
     density      of each particle [kg/m^3], (particles,), None where it is that of the settings
     varying      physical parameters that differ between the particles, by name, each (particles,); what is recorded
                  of the scene does not hold them
@@ -40,6 +41,7 @@ class SceneStart:
     affine: Float[np.ndarray, "particles 3 3"] | None = None
     deformation: Float[np.ndarray, "particles 3 3"] | None = None
     density: Float[np.ndarray, " particles"] | None = None
+    internal: Mapping[str, Float[np.ndarray, " particles"]] = field(default_factory=dict)
     varying: Mapping[str, Float[np.ndarray, " particles"]] = field(default_factory=dict)
 
     @property
@@ -83,7 +85,20 @@ def start_of(record: SceneRecord) -> SceneStart:
     keyframes = record.keyframes
     if keyframes is None or keyframes.step[0] != 0:
         return start
-    return replace(start, affine=keyframes.affine[0], deformation=keyframes.deformation[0])
+    # the first frame itself is where it starts
+    return replace(restarted(start, keyframes, 0), position=start.position, velocity=start.velocity)
+
+
+def restarted(start: SceneStart, keyframes: Keyframes, row: int) -> SceneStart:
+    """The scene from one of its keyframes on."""
+    return replace(
+        start,
+        position=keyframes.position[row],
+        velocity=keyframes.velocity[row],
+        affine=keyframes.affine[row],
+        deformation=keyframes.deformation[row],
+        internal={name: values[row] for name, values in keyframes.internal.items()},
+    )
 
 
 def group_by_settings(scenes: Sequence[Scene]) -> list[list[Scene]]:

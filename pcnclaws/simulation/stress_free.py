@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
+from pcnclaws.laws.internal_variables import start_values
 from pcnclaws.simulation.simulator import Simulator
 from pcnclaws.tensor_types import Parameters
 
@@ -14,20 +15,28 @@ ROUNDING = 64.0
 
 
 def is_stress_free_at_rest(simulator: Simulator, parameters: Parameters) -> bool:
-    """Whether F = I gives no stress and no plastic flow, and would with weights and parameters a little different.
+    """Whether F = I gives no stress and no flow, and would with weights and parameters a little different.
+
+    Neither strain nor internal variables flow.
 
     The analytic laws and the neural ones of `model=pcnclaws` and `model=pcnclaws_no_prior` do by their structure;
     those of `model=pcnclaws_paper` do not.
     """
+    parameters = simulator.law_parameters(parameters)
     any_parameter = next(iter(parameters.values()))
     identity = torch.eye(3, dtype=any_parameter.dtype, device=any_parameter.device)[:, :, None]
     identity = identity.repeat(1, 1, len(any_parameter))
     stiffness = parameters["youngs_modulus"].detach() if "youngs_modulus" in parameters else 1.0
     responses = [simulator.elasticity(identity, parameters) / stiffness]
     if simulator.plasticity is not None:
-        responses.append(simulator.plasticity(identity, parameters) - identity)
+        flown, internal = simulator.plasticity.answer(identity, parameters)
+        responses.append(flown - identity)
+        if internal is not None:
+            responses.append(internal - start_values(simulator.plasticity.internal_variables, identity))
+    if simulator.viscosity is not None:
+        responses.append(simulator.viscosity(torch.zeros_like(identity), parameters) / stiffness)
 
-    response = torch.stack(responses)
+    response = torch.cat([one.flatten(end_dim=-2) for one in responses])
     inputs = [tensor for tensor in (*simulator.parameters(), *parameters.values()) if tensor.requires_grad]
     eps = torch.finfo(response.dtype).eps
     still = bool((response.detach().abs() <= ROUNDING * eps).all())  # false for what is not a number

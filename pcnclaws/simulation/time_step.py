@@ -3,17 +3,18 @@
 import json
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from torch import Tensor
 
 from pcnclaws.errors import ParticleEscaped, SimulationDiverged, UserError
-from pcnclaws.laws.materials import material_named
+from pcnclaws.laws.materials import MATERIALS, Material, material_named
 from pcnclaws.laws.parameters import compression_wave_speed
 from pcnclaws.mpm.diagnostics import cfl_number, fall_speed
 from pcnclaws.mpm.settings import SimulationSettings
@@ -72,17 +73,29 @@ class Stability:
     settings    of the simulation, with the smallest density of its particles: waves are the fastest there
     parameters  physical parameters by name, those of the least stable particle
     speed       a bound of the speed before contact [m/s]
+    material    its name
+    known       the material itself, None for one that is not registered
     """
 
     settings: SimulationSettings
     parameters: Mapping[str, float]
     speed: float
     material: str
+    known: Material | None = None
 
     @property
     def cfl(self) -> float:
-        """CFL number dt (c + |v|) / dx [-]."""
-        return cfl_number(self.settings.time_step, self.settings.grid_spacing, self._wave_speed, self.speed)
+        """CFL number dt (c + |v|) / dx [-]; with viscosity sqrt(CFL^2 + 2 nu dt / dx^2).
+
+        A vibration x'' = -omega^2 x - d x' is stable in symplectic Euler for (omega dt)^2 + 2 d dt <= 4. With
+        omega = c k and d = nu k^2 of a wave of number k, viscosity counts as so much more speed.
+        nu  longitudinal viscosity over density [m^2/s], 4/3 eta/rho of a Newtonian law
+        """
+        settings = self.settings
+        of_waves = cfl_number(settings.time_step, settings.grid_spacing, self._wave_speed, self.speed)
+        if self._viscosity == 0.0:
+            return of_waves
+        return math.sqrt(of_waves**2 + 2.0 * self._viscosity * settings.time_step / settings.grid_spacing**2)
 
     @property
     def stable_cfl(self) -> float:
@@ -97,17 +110,19 @@ class Stability:
     @property
     def automatic_time_step(self) -> float:
         """The time step [s] of CFL number 0.4, rounded down to three digits."""
+        if self._viscosity > 0.0:
+            return _rounded_down(self._time_step_of(COMFORTABLE_CFL))
         return _rounded_down(self.settings.time_step * COMFORTABLE_CFL / self.cfl)
 
     @property
     def longest_time_step(self) -> float:
         """The longest stable time step [s], rounded down to three digits."""
-        return _rounded_down(self.stable_cfl * self.settings.grid_spacing / (self._wave_speed + self.speed))
+        return _rounded_down(self._time_step_of(self.stable_cfl))
 
     @property
     def limit(self) -> str:
         """In words: the longest time step of this scene, and the stiffest material of this time step."""
-        if "youngs_modulus" not in self.parameters:
+        if "youngs_modulus" not in self.parameters or self._viscosity > 0.0:
             return f"at most {self.longest_time_step:.3g} s at {self.speed:.3g} m/s"
         modulus = self.parameters["youngs_modulus"]
         accepted = f"at most {self.longest_time_step:.3g} s for youngs_modulus={modulus:g} at {self.speed:.3g} m/s"
@@ -139,23 +154,44 @@ class Stability:
             )
         return f"time_step={settings.time_step:g}, stable: {self.limit}"
 
-    @property
+    def _time_step_of(self, cfl: float) -> float:
+        """The time step of a CFL number [s]."""
+        spacing, speed = self.settings.grid_spacing, self._wave_speed + self.speed
+        if self._viscosity == 0.0:
+            return cfl * spacing / speed
+        half = self._viscosity / spacing
+        return spacing * cfl**2 / (half + math.hypot(half, speed * cfl))
+
+    @cached_property
+    def _viscosity(self) -> float:
+        """Longitudinal viscosity over density [m^2/s], 0 without a viscous law."""
+        if self.known is None or self.known.viscosity is None:
+            return 0.0
+        return longitudinal_viscosity(self.known, self.parameters) / self.settings.density
+
+    @cached_property
     def _wave_speed(self) -> float:
         parameters, density = self.parameters, self.settings.density
         if {"youngs_modulus", "poissons_ratio"} <= set(parameters):
             return compression_wave_speed(parameters["youngs_modulus"], parameters["poissons_ratio"], density)
-        return math.sqrt(max(p_wave_modulus(self.material, parameters), 0.0) / density)
+        known = self.known or material_named(self.material)
+        return math.sqrt(max(p_wave_modulus(known, parameters), 0.0) / density)
 
 
-def stability_of(scene: SceneStart) -> Stability:
-    """The stability of the time step of a scene: that of its least stable particle."""
+def stability_of(scene: SceneStart, material: Material | None = None) -> Stability:
+    """The stability of the time step of a scene: that of its least stable particle.
+
+    material  of the scene, where it is not a registered one
+    """
     settings = scene.lightest
     speed = largest_speed(scene.position, scene.velocity, settings)
-    one = Stability(settings, scene.parameters, speed, scene.material)
+    known = material or MATERIALS.get(scene.material)
+    one = Stability(settings, scene.parameters, speed, scene.material, known)
     if not scene.varying:
         return one
     values = scene.of_particles()
-    names = [name for name in ("youngs_modulus", "poissons_ratio") if name in values] or list(values)
+    moduli = [name for name in ("youngs_modulus", "poissons_ratio") if name in values]
+    names = moduli if moduli and not (known and known.viscosity) else list(values)
     kinds = np.unique(np.stack([values[name] for name in names]), axis=1)
     each = [
         replace(one, parameters={**scene.parameters, **dict(zip(names, kind, strict=True))})
@@ -164,15 +200,26 @@ def stability_of(scene: SceneStart) -> Stability:
     return max(each, key=lambda kind: kind.cfl / kind.stable_cfl)
 
 
-def p_wave_modulus(material: str, parameters: Mapping[str, float]) -> float:
+def p_wave_modulus(material: Material, parameters: Mapping[str, float]) -> float:
     """The stiffness of the analytic law of a material against compression along one axis, at rest [Pa]."""
-    law = material_named(material).elasticity()
+    return _slope_along_an_axis(material.elasticity().kirchhoff_stress, torch.eye(3, dtype=torch.float64), parameters)
+
+
+def longitudinal_viscosity(material: Material, parameters: Mapping[str, float]) -> float:
+    """The resistance of the viscous law of a material to the rate of compression along one axis, at rest [Pa s]."""
+    law, still = material.viscosity().viscous_stress, torch.zeros(3, 3, dtype=torch.float64)
+    return _slope_along_an_axis(law, still, parameters)
+
+
+def _slope_along_an_axis(
+    law: Callable[[Tensor, dict[str, Tensor]], Tensor], at: Tensor, parameters: Mapping[str, float]
+) -> float:
+    """The derivative of a stress along an axis with respect to its argument along the same."""
     values = {name: torch.tensor([value], dtype=torch.float64) for name, value in parameters.items()}
-    rest = torch.eye(3, dtype=torch.float64)[:, :, None]
-    along = torch.zeros_like(rest).index_put((torch.tensor(0), torch.tensor(0)), torch.ones(1, dtype=torch.float64))
-    rest.requires_grad_()
-    (slope,) = torch.autograd.grad((law.evaluate(rest, values) * along).sum(), rest)
-    return float((slope * along).sum())
+    given = at[:, :, None].requires_grad_()
+    with torch.enable_grad():
+        (slope,) = torch.autograd.grad(law(given, values)[0, 0].sum(), given)
+    return float(slope[0, 0])
 
 
 def _rounded_down(value: float) -> float:

@@ -23,7 +23,7 @@ from pcnclaws.laws.materials import material_named
 from pcnclaws.observe import observe
 from pcnclaws.simulate import simulate
 from pcnclaws.simulation.batch import batch_scenes
-from pcnclaws.simulation.records import Keyframes, SceneRecord
+from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart, start_of
 from pcnclaws.simulation.time_step import Stability
 from pcnclaws.train import train
@@ -160,7 +160,7 @@ def test_a_start_against_its_own_velocities_is_named_once_for_a_file(caplog):
 def test_a_start_that_is_deformed_is_seen_in_its_restart_states():
     record = recorded(replace(high(), deformation=np.tile(0.9 * np.eye(3), (64, 1, 1))), every=2, keyframe_every=2)[0]
     assert record.keyframes is not None
-    later = Keyframes(*(array[1:] for array in vars(record.keyframes).values()))
+    later = record.keyframes.at(slice(1, None))
     assert contradiction(record) is None, "the restart state at the start says so"
     text = contradiction(replace(record, keyframes=later))
     assert text is not None

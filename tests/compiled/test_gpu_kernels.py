@@ -22,7 +22,7 @@ from pcnclaws.compiled import gpu
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.compiled.build import find_compiler
 from pcnclaws.compiled.isotropic_laws import isotropic_law
-from pcnclaws.compiled.structures import Corners
+from pcnclaws.compiled.structures import Corners, LawArrays
 from pcnclaws.laws.base import Law
 from pcnclaws.laws.elasticity import FixedCorotated, StVKHencky
 from pcnclaws.mpm.contact import VERSION_1_STICK
@@ -70,7 +70,7 @@ def test_gradients_that_nobody_wants_change_no_other() -> None:
     assert law is not None
     assert law.kernel is not None
     rows, weights, incoming = _inputs(law, batch)
-    given = law.kernel, batch.state.deformation, rows, weights, incoming
+    given = law.kernel, LawArrays(batch.state.deformation, rows, None, weights), (incoming, None)
     both, one = (gpu.law_adjoint(*given, wanted) for wanted in ((True, True), (False, False)))
     assert torch.equal(one.deformation, both.deformation)
     assert (one.parameters, one.weights) == (None, [])
@@ -83,8 +83,8 @@ def test_a_step_and_its_gradients(boundary: str, dtype: torch.dtype, tolerance: 
     state, scenes, _ = in_dtype(moving_batch("sand", (40, 5, 20)), dtype)
     integrator = MPMIntegrator(SimulationSettings(grid_spacing=1 / 10, boundary=boundary))
     stress = 100.0 * uniform(seeded(1), 3, 3, state.position.shape[1]).to(dtype)
-    inputs = [field.clone().requires_grad_() for field in (*state, stress)]
-    after = integrator(type(state)(*inputs[:4]), inputs[4], scenes)
+    inputs = [field.clone().requires_grad_() for field in (*state[:4], stress)]
+    after = integrator(type(state)(*inputs[:4]), inputs[4], scenes)[:4]
     incoming = tuple(uniform(seeded(2), *field.shape).to(dtype) for field in after)
     expected = [*after, *torch.autograd.grad(after, inputs, incoming)]
 
@@ -109,9 +109,9 @@ def test_parameters_and_networks_that_do_not_fit_are_refused() -> None:
         (law, rows, [], "the network must fit"),
     ):
         with pytest.raises((RuntimeError, ValueError), match=refused):
-            gpu.law_forward(kernel_of(other), batch.state.deformation, given, network)
+            gpu.law_forward(kernel_of(other), LawArrays(batch.state.deformation, given, None, network))
     with pytest.raises(ValueError, match="float64 on cpu was given torch.float32 on cpu"):
-        gpu.law_forward(kernel_of(StVKHencky()), batch.state.deformation, rows[:2].float(), [])
+        gpu.law_forward(kernel_of(StVKHencky()), LawArrays(batch.state.deformation, rows[:2].float()))
 
 
 @DEVICES
@@ -129,10 +129,11 @@ def _of_gpu_source(law: Law, batch: Batch, device: str) -> list[Tensor]:
     """The result, and gradients of deformation, parameters and weights."""
     rows, weights, incoming = _inputs(law, batch)
     assert law.kernel is not None
-    given = law.kernel, batch.state.deformation.to(device), rows.to(device), [weight.to(device) for weight in weights]
-    gradients = gpu.law_adjoint(*given, incoming.to(device), (True, True))
+    weights = [weight.to(device) for weight in weights]
+    given = LawArrays(batch.state.deformation.to(device), rows.to(device), None, weights)
+    gradients = gpu.law_adjoint(law.kernel, given, (incoming.to(device), None), (True, True))
     assert gradients.parameters is not None
-    found = [gpu.law_forward(*given), gradients.deformation, gradients.parameters, *gradients.weights]
+    found = [gpu.law_forward(law.kernel, given)[0], gradients.deformation, gradients.parameters, *gradients.weights]
     return [tensor.cpu() for tensor in found]
 
 
@@ -140,7 +141,7 @@ def _of_cpu(law: Law, batch: Batch) -> list[Tensor]:
     rows, weights, incoming = _inputs(law, batch)
     assert law.kernel is not None
     inputs = [tensor.clone().requires_grad_() for tensor in (batch.state.deformation, rows, *weights)]
-    result = isotropic_law(law.kernel, inputs[0], inputs[1], inputs[2:])
+    result, _ = isotropic_law(law.kernel, LawArrays(inputs[0], inputs[1], None, inputs[2:]))
     return [result.detach(), *torch.autograd.grad(result, inputs, incoming)]
 
 

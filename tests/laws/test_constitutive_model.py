@@ -1,6 +1,6 @@
 """Constitutive models of a program: particle-first, differentiable, in the precision of what they are given."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 import torch
@@ -12,7 +12,7 @@ from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.parameters import YOUNGS_MODULUS
 
-SAND = {"youngs_modulus": 3e5, "poissons_ratio": 0.3, "friction_angle": 30.0}
+SAND: dict[str, Any] = {"youngs_modulus": 3e5, "poissons_ratio": 0.3, "friction_angle": 30.0}
 
 
 def deformations(*shape: int, dtype: torch.dtype = torch.float64) -> torch.Tensor:
@@ -37,7 +37,7 @@ def test_what_a_law_says_of_itself(sand):
 @pytest.mark.parametrize("material", ["sand", "plasticine", "elasticity", "tresca"])
 def test_the_analytic_law_particle_first(material):
     law, laws, given = pc.analytic_law(material), analytic_laws(MATERIALS[material]), deformations(4, 5)
-    values = MATERIALS[material].defaults
+    values: dict[str, Any] = MATERIALS[material].defaults
     flat = given.reshape(20, 3, 3).permute(1, 2, 0)
     each = {name: torch.full((20,), value, dtype=torch.float64) for name, value in values.items()}
     stress = law.stress(given, **values)

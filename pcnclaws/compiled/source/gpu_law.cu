@@ -19,25 +19,26 @@ alignas(32) double shared_memory[(Network::Given::TOTAL * sizeof(T) + 7) / 8];
 using Block = LawBlock<T, Law, Network>;
 
 KERNEL(law_forward)
-(int64_t particles, const T* deformation, const T* parameters, Weights<T> weights, T* result) {
+(int64_t particles, const T* deformation, const T* parameters, const T* internal, Weights<T> weights,
+ LawFields<T> result) {
     const int64_t p = thread_number();
     const Network::Given given(weights);
     given.fetch();
     if (p >= particles) return;
-    const LawInput<T> in{particles, deformation, parameters, PARAMETER_ROWS, nullptr};
+    const LawInput<T> in{particles, deformation, parameters, PARAMETER_ROWS, nullptr, internal};
     const NetworkMemory<T> none{};
     Network network(given, none, p);
     Block block(in, &network);
     block.template enter<false>(p, p + 1);
-    V y[3];
+    V y[Block::VALUES];
     block.respond(0, y);
     block.leave(0, y, result);
 }
 
 // parameter_gradient null where it is not wanted. With a network, threads are as many as the memory has numbers in a row.
 KERNEL(law_adjoint)
-(int64_t particles, const T* deformation, const T* parameters, Weights<T> weights, const T* incoming, T* gradient,
- T* parameter_gradient, NetworkMemory<T> memory) {
+(int64_t particles, const T* deformation, const T* parameters, const T* internal, Weights<T> weights,
+ LawFields<const T> incoming, LawFields<T> gradient, T* parameter_gradient, NetworkMemory<T> memory) {
     const int64_t p = thread_number();
     const Network::Given given(weights);
     given.fetch();
@@ -46,11 +47,11 @@ KERNEL(law_adjoint)
         if (p < memory.stride) network.clear();
         return;
     }
-    const LawInput<T> in{particles, deformation, parameters, PARAMETER_ROWS, nullptr};
+    const LawInput<T> in{particles, deformation, parameters, PARAMETER_ROWS, nullptr, internal};
     Block block(in, &network);
     typename Block::Adjoint adjoint;
     block.template enter<true>(p, p + 1);
-    block.adjoint_first(0, incoming, adjoint, parameter_gradient);
+    block.adjoint_first(0, incoming, adjoint, gradient.internal, parameter_gradient);
     if constexpr (Block::NETWORK) network.backward();
-    block.adjoint_second(0, adjoint, gradient, parameter_gradient);
+    block.adjoint_second(0, adjoint, gradient.matrix, parameter_gradient);
 }

@@ -32,20 +32,20 @@ void for_each_block(const LawInput<T>& in, int threads, Visit visit) {
     });
 }
 
-template <class T, class Law> void law_forward(const LawInput<T>& in, T* result, int threads) {
+template <class T, class Law> void law_forward(const LawInput<T>& in, const LawFields<T>& result, int threads) {
     for_each_block<false, T, Law>(in, threads, [&](Blocks<T, Law>& block, int64_t) {
         for (int group = 0; group < block.groups(); group++) {
-            V y[3];
+            V y[Blocks<T, Law>::VALUES];
             block.respond(group, y);
             block.leave(group, y, result);
         }
     });
 }
 
-// weight_gradients: as PyTorch keeps the weights, null where not wanted
+// gradients of the internal variables, of the parameters, and of the weights, as PyTorch keeps them: null where not wanted
 template <class T, class Law>
-void law_adjoint(const LawInput<T>& in, const T* incoming, T* gradient, T* parameter_gradient,
-                 T* const* weight_gradients, int threads) {
+void law_adjoint(const LawInput<T>& in, const LawFields<const T>& incoming, const LawFields<T>& gradient,
+                 T* parameter_gradient, T* const* weight_gradients, int threads) {
     std::vector<WeightGradients<T>> sums;
     sums.reserve(size_t(task_count(in.particles)));
     if (weight_gradients && in.weights)
@@ -55,7 +55,7 @@ void law_adjoint(const LawInput<T>& in, const T* incoming, T* gradient, T* param
         if constexpr (Blocks<T, Law>::NETWORK)
             std::fill(block.network->gradient[LAYERS].begin(), block.network->gradient[LAYERS].end(), T(0));
         for (int group = 0; group < block.groups(); group++)
-            block.adjoint_first(group, incoming, adjoint[group], parameter_gradient);
+            block.adjoint_first(group, incoming, adjoint[group], gradient.internal, parameter_gradient);
         if constexpr (Blocks<T, Law>::NETWORK) {
             // the last particle repeated beyond the end counts once
             T* end = block.network->gradient[LAYERS].data();
@@ -64,7 +64,7 @@ void law_adjoint(const LawInput<T>& in, const T* incoming, T* gradient, T* param
             block.network->backward(sums.empty() ? nullptr : &sums[task]);
         }
         for (int group = 0; group < block.groups(); group++)
-            block.adjoint_second(group, adjoint[group], gradient, parameter_gradient);
+            block.adjoint_second(group, adjoint[group], gradient.matrix, parameter_gradient);
     });
     for (int l = 0; l < LAYERS && !sums.empty(); l++) {
         const int from = in.weights->sizes[l], to = in.weights->sizes[l + 1];
@@ -83,15 +83,15 @@ void law_adjoint(const LawInput<T>& in, const T* incoming, T* gradient, T* param
 }
 
 template <class T, class Law>
-void law_rates(const LawInput<T>& in, const T* deformation_rate, const T* parameter_rate, T* result, T* result_rate,
-               int threads) {
+void law_rates(const LawInput<T>& in, const LawFields<const T>& rate, const T* parameter_rate,
+               const LawFields<T>& result, const LawFields<T>& result_rate, int threads) {
     for_each_block<true, T, Law>(in, threads, [&](Blocks<T, Law>& block, int64_t) {
         typename Blocks<T, Law>::Rates rates[GROUPS];
         for (int group = 0; group < block.groups(); group++)
-            block.rates_first(group, deformation_rate, parameter_rate, rates[group]);
+            block.rates_first(group, rate.matrix, parameter_rate, rates[group]);
         if constexpr (Blocks<T, Law>::NETWORK) block.network->rates();
         for (int group = 0; group < block.groups(); group++)
-            block.rates_second(group, parameter_rate, rates[group], result, result_rate);
+            block.rates_second(group, parameter_rate, rate.internal, rates[group], result, result_rate);
     });
 }
 

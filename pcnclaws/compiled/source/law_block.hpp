@@ -21,9 +21,11 @@ constexpr int TOGETHER = GROUPS < 4 ? GROUPS : 4;  // groups whose principal axe
 // One block of up to BLOCK particles on its way through a law.
 template <class T, class Law, class Network> struct LawBlock {
     static constexpr bool NETWORK = Law::FEATURES > 0;
-    // what a response depends on: strains, features, parameters, outputs of the network
+    // what a response depends on: strains, features, parameters, outputs of the network, internal variables
     static constexpr int FEATURES = 3, PARAMETERS = FEATURES + Law::FEATURES, OUTPUTS = PARAMETERS + Law::PARAMETERS,
-                         INPUTS = OUTPUTS + Law::OUTPUTS;
+                         REMEMBERED = OUTPUTS + Law::OUTPUTS, INPUTS = REMEMBERED + INTERNAL;
+    // what it gives: three principal values, then internal variables
+    static constexpr int AFTER = Law::RETURN_MAP ? INTERNAL : 0, VALUES = 3 + AFTER;
 
     const LawInput<T>& in;
     Network* network;
@@ -32,6 +34,7 @@ template <class T, class Law, class Network> struct LawBlock {
     Principal principal[GROUPS];
     V p[GROUPS][PARAMETER_ROWS + 1];
     V x[GROUPS][Law::FEATURES + 1];
+    V q[GROUPS][INTERNAL + 1];
 
     LawBlock(const LawInput<T>& input, Network* block) : in(input), network(block) {}
 
@@ -45,6 +48,7 @@ template <class T, class Law, class Network> struct LawBlock {
             const int64_t at = begin + group * L;
             for (int k = 0; k < 9; k++) f[group][k / 3][k % 3] = load(in.deformation + k * in.particles, at, end);
             for (int k = 0; k < PARAMETER_ROWS; k++) p[group][k] = load(in.parameters + k * in.particles, at, end);
+            for (int k = 0; k < INTERNAL; k++) q[group][k] = load(in.internal + k * in.particles, at, end);
         }
         Mask left[GROUPS];
         for (int group = 0; group < groups(); group += TOGETHER)
@@ -67,21 +71,22 @@ template <class T, class Law, class Network> struct LawBlock {
         if (k < FEATURES) return principal[group].strain[k];
         if (k < PARAMETERS) return x[group][k - FEATURES];
         if (k < OUTPUTS) return p[group][k - PARAMETERS];
+        if (k >= REMEMBERED) return q[group][k - REMEMBERED];
         return network->get(network->unit, LAYERS, group * L, k - OUTPUTS);
     }
-    // principal values y, of plain values or of values that make(k) differentiates
-    template <class S, class Make> void respond(S y[3], Make make) {
+    // values y, of plain values or of values that make(k) differentiates
+    template <class S, class Make> void respond(S y[VALUES], Make make) {
         S in[INPUTS + 1];
         for (int k = 0; k < INPUTS; k++) in[k] = make(k);
-        Law::respond(in, in + FEATURES, in + PARAMETERS, in + OUTPUTS, y);
+        Law::respond(in, in + FEATURES, in + PARAMETERS, in + OUTPUTS, in + REMEMBERED, y);
     }
-    void respond(int group, V y[3]) {
+    void respond(int group, V y[VALUES]) {
         respond(y, [&](int k) { return value_at(group, k); });
     }
 
     // stress Q diag(y) Q^T, or F' = F + Q diag(e^y - 1) Q^T F, which is F to the last bit where y is 0. Large changes
     // would cancel: F' = Q diag(e^y) Q^T F.
-    void leave(int group, const V y[3], T* result) const {
+    void leave(int group, const V y[VALUES], const LawFields<T>& result) const {
         const Principal& axes = principal[group];
         V stretch[3], kept = V{};
         if constexpr (Law::RETURN_MAP)
@@ -92,8 +97,9 @@ template <class T, class Law, class Network> struct LawBlock {
                 V sum = Law::RETURN_MAP ? kept * f[group][i][j] : V{};
                 for (int k = 0; k < 3; k++)
                     sum += axes.q[i][k] * stretch[k] * (Law::RETURN_MAP ? axes.g[k][j] : axes.q[j][k]);
-                store(result + (3 * i + j) * in.particles, begin + group * L, end, sum);
+                store(result.matrix + (3 * i + j) * in.particles, begin + group * L, end, sum);
             }
+        for (int k = 0; k < AFTER; k++) store(result.internal + k * in.particles, begin + group * L, end, y[3 + k]);
     }
 
     // eigenvalues of what multiplies: y, or e^y for a return map
@@ -104,7 +110,7 @@ template <class T, class Law, class Network> struct LawBlock {
         divided_differences(
             principal[group], value,
             [&](V slope[3][3]) {
-                Dual<3> y[3];
+                Dual<3> y[VALUES];
                 // at fixed features: what they add to one strain's slope, they add to the other's where the two meet
                 respond(y, [&](int k) {
                     Dual<3> in = constant(value_at(group, k), Dual<3>{});
@@ -127,13 +133,14 @@ template <class T, class Law, class Network> struct LawBlock {
         V multiplied[3][3];      // M^T times the incoming gradient, for a return map
     };
     // all in one function, so that the tape needs no calls
-    IN_ONE_FUNCTION void adjoint_first(int group, const T* incoming, Adjoint& a, T* parameter_gradient) {
+    IN_ONE_FUNCTION void adjoint_first(int group, const LawFields<const T>& incoming, Adjoint& a, T* internal_gradient,
+                                       T* parameter_gradient) {
         const Principal& axes = principal[group];
         V g[3][3], y_bar[3][3], y[3], value[3];
-        for (int k = 0; k < 9; k++) g[k / 3][k % 3] = load(incoming + k * in.particles, begin + group * L, end);
+        for (int k = 0; k < 9; k++) g[k / 3][k % 3] = load(incoming.matrix + k * in.particles, begin + group * L, end);
         TapeEntries entries;
         Tape tape(entries);
-        Taped y_tape[3];
+        Taped y_tape[VALUES];
         respond(y_tape, [&](int k) { return variable(value_at(group, k), tape); });
         for (int k = 0; k < 3; k++) y[k] = y_tape[k].value;
         eigenvalues(y, value);
@@ -151,8 +158,13 @@ template <class T, class Law, class Network> struct LawBlock {
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++) a.wanted[i][j] = 0.5 * (principal_bar[i][j] + principal_bar[j][i]);
         differences(group, value, a.off);
+        // a constant has no entry
         for (int i = 0; i < 3; i++)
-            entries.gradient[y_tape[i].entry] += a.wanted[i][i] * (Law::RETURN_MAP ? value[i] : splat(1.0));
+            if (y_tape[i].entry >= 0)
+                entries.gradient[y_tape[i].entry] += a.wanted[i][i] * (Law::RETURN_MAP ? value[i] : splat(1.0));
+        for (int k = 0; k < AFTER; k++)
+            if (y_tape[3 + k].entry >= 0)
+                entries.gradient[y_tape[3 + k].entry] += load(incoming.internal + k * in.particles, begin + group * L, end);
         tape.sweep();
         const V* total = entries.gradient;  // the inputs are its first entries
         for (int i = 0; i < 3; i++) a.strain[i] = total[i];
@@ -160,6 +172,9 @@ template <class T, class Law, class Network> struct LawBlock {
         if (parameter_gradient)
             for (int k = 0; k < Law::PARAMETERS; k++)
                 store(parameter_gradient + k * in.particles, begin + group * L, end, total[PARAMETERS + k]);
+        if (internal_gradient)
+            for (int k = 0; k < INTERNAL; k++)
+                store(internal_gradient + k * in.particles, begin + group * L, end, total[REMEMBERED + k]);
         for (int k = 0; k < Law::OUTPUTS; k++)
             network->put(network->gradient, LAYERS, group * L, k, total[OUTPUTS + k]);
         if constexpr (Law::RETURN_MAP) {
@@ -246,10 +261,11 @@ template <class T, class Law, class Network> struct LawBlock {
                              load(parameter_rate + k * in.particles, at, end));
         }
     }
-    void rates_second(int group, const T* parameter_rate, const Rates& r, T* result, T* result_rate) {
+    void rates_second(int group, const T* parameter_rate, const T* internal_rate, const Rates& r,
+                      const LawFields<T>& result, const LawFields<T>& result_rate) {
         const Principal& axes = principal[group];
         const int64_t at = begin + group * L;
-        Dual<1> y[3];
+        Dual<1> y[VALUES];
         respond(y, [&](int k) {
             V rate;
             if (k < FEATURES)
@@ -258,13 +274,16 @@ template <class T, class Law, class Network> struct LawBlock {
                 rate = r.x[k - FEATURES];
             else if (k < OUTPUTS)
                 rate = load(parameter_rate + (k - PARAMETERS) * in.particles, at, end);
+            else if (k >= REMEMBERED)
+                rate = load(internal_rate + (k - REMEMBERED) * in.particles, at, end);
             else
                 rate = network->get(network->gradient, LAYERS, group * L, k - OUTPUTS);
             return Dual<1>{value_at(group, k), {rate}};
         });
-        V plain[3], value[3], off[3][3], change[3][3];
-        for (int k = 0; k < 3; k++) plain[k] = y[k].value;
+        V plain[VALUES], value[3], off[3][3], change[3][3];
+        for (int k = 0; k < VALUES; k++) plain[k] = y[k].value;
         leave(group, plain, result);
+        for (int k = 0; k < AFTER; k++) store(result_rate.internal + k * in.particles, at, end, y[3 + k].rate[0]);
         eigenvalues(plain, value);
         differences(group, value, off);
         for (int i = 0; i < 3; i++)
@@ -285,7 +304,7 @@ template <class T, class Law, class Network> struct LawBlock {
             for (int j = 0; j < 3; j++) {
                 V sum{};
                 for (int k = 0; k < 3; k++) sum += axes.q[i][k] * turned[k][j];
-                store(result_rate + (3 * i + j) * in.particles, at, end, sum);
+                store(result_rate.matrix + (3 * i + j) * in.particles, at, end, sum);
             }
     }
 };

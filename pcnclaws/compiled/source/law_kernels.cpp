@@ -17,28 +17,30 @@ bool fits(const LawInput<T>& in) {
 
 }  // namespace
 
-KERNEL(law_forward)(const LawInput<T>* in, T* result, int threads) {
+KERNEL(law_forward)(const LawInput<T>* in, const LawFields<T>* result, int threads) {
     return guarded([&] {
         if (!fits(*in)) return false;
-        law_forward<T, Law>(*in, result, threads);
+        law_forward<T, Law>(*in, *result, threads);
         return true;
     });
 }
 
 KERNEL(law_adjoint)
-(const LawInput<T>* in, const T* incoming, T* gradient, T* parameter_gradient, T* const* weights, int threads) {
+(const LawInput<T>* in, const LawFields<const T>* incoming, const LawFields<T>* gradient, T* parameter_gradient,
+ T* const* weights, int threads) {
     return guarded([&] {
         if (!fits(*in)) return false;
-        law_adjoint<T, Law>(*in, incoming, gradient, parameter_gradient, weights, threads);
+        law_adjoint<T, Law>(*in, *incoming, *gradient, parameter_gradient, weights, threads);
         return true;
     });
 }
 
 KERNEL(law_rates)
-(const LawInput<T>* in, const T* deformation_rate, const T* parameter_rate, T* result, T* result_rate, int threads) {
+(const LawInput<T>* in, const LawFields<const T>* rate, const T* parameter_rate, const LawFields<T>* result,
+ const LawFields<T>* result_rate, int threads) {
     return guarded([&] {
         if (!fits(*in)) return false;
-        law_rates<T, Law>(*in, deformation_rate, parameter_rate, result, result_rate, threads);
+        law_rates<T, Law>(*in, *rate, parameter_rate, *result, *result_rate, threads);
         return true;
     });
 }
