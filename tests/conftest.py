@@ -30,12 +30,18 @@ class Outcome(NamedTuple):
 
 
 @pytest.fixture(params=["torch", "compiled"])
-def each_backend(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Runs the test in PyTorch and, where there is a compiler, with the compiled kernels."""
+def each_backend(request: pytest.FixtureRequest) -> Iterator[str]:
+    """Runs the test in PyTorch and, where there is a compiler, with the compiled kernels; the name of the backend."""
     if request.param == "compiled" and find_compiler() is None:
         pytest.skip("needs a C++ compiler")  # where there is one that fails, the test fails, too
     with using_backend(request.param):
-        yield
+        yield request.param
+
+
+# Of a test of `each_backend` that takes PyTorch long, and that others cover in kind.
+SLOW_IN_PYTORCH = pytest.mark.parametrize(
+    "each_backend", [pytest.param("torch", marks=pytest.mark.slow), "compiled"], indirect=True
+)
 
 
 @pytest.fixture

@@ -61,7 +61,7 @@ def test_it_finds_the_truth_and_leaves_a_table_a_file_pictures_and_the_motion(es
 
 
 def test_the_gradient_descent_of_the_paper_comes_near(estimated, tmp_path: Path) -> None:
-    guess = ["initial_guess.youngs_modulus=7e4", "initial_guess.poissons_ratio=0.2", "screening=0"]
+    guess = ["initial_guess.youngs_modulus=7e4", "initial_guess.poissons_ratio=0.2", "screening=0", "picture=false"]
     outcome = estimated("estimator=adam", "estimator.iterations=40", *guess)
     assert outcome.status == 0, outcome.err
     found = json.loads((tmp_path / "new" / "e.json").read_text())

@@ -5,6 +5,7 @@ import runpy
 import subprocess
 import sys
 import time
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -69,6 +70,34 @@ def test_an_example_runs_and_leaves_a_picture(example, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", [str(example), "small"])
     runpy.run_path(str(example), run_name="__main__")
     assert list(tmp_path.glob(f"outputs/examples/{example.stem}*.png"))
+
+
+LANDING = (
+    "scene.particles_per_edge=4",
+    "scene.centre=[0.5,0.38,0.5]",
+    "simulation.steps=20",
+    "simulation.backend=torch",
+)
+DATA = (*LANDING, "data.train_scenes=2", "data.validation_scenes=1", "data.keyframe_every=10")
+FIT = ("model.width=8", "training.iterations=2", "training.check_every=2", "training.batch_segments=2", "picture=false")
+SMALL = {"simulate": LANDING, "generate": DATA, "train": (*DATA, *FIT, "threads=1")}
+
+
+@pytest.mark.usefixtures("own_registry")
+def test_the_commands_of_the_example_of_a_material_of_ones_own_run(in_process, tmp_path, monkeypatch):
+    (plugin,) = (ROOT / "examples" / "05_your_own_material_on_the_command_line").glob("*.py")
+    text = plugin.read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 60
+    monkeypatch.syspath_prepend(plugin.parent)
+    monkeypatch.delitem(sys.modules, plugin.stem, raising=False)
+    commands = re.findall(r"^    python -m pcnclaws\.(\w+) (.*)$", text, re.MULTILINE)
+    assert [entry for entry, _ in commands] == list(SMALL)
+    for entry, options in commands:
+        task = getattr(import_module(f"pcnclaws.{entry}"), entry)
+        done = in_process(task, entry, *options.split(), *SMALL[entry])
+        assert done.status == 0, done.err
+    assert (tmp_path / "rubber.png").is_file()
+    assert (tmp_path / "run" / "weights.safetensors").is_file()
 
 
 @pytest.mark.slow

@@ -37,9 +37,9 @@ def offer_choices(overrides: Sequence[str] = ()) -> None:
         store.store(name, {"name": name, "width": network.width}, "model")
 
 
-def is_choice(group: str, name: str) -> bool:
-    """Whether an object makes this choice."""
-    return f"{name}.yaml" in ConfigStore.instance().repo.get(group, {})
+def choices_of(group: str) -> list[str]:
+    """The choices of a group that objects make."""
+    return [file.removesuffix(".yaml") for file in ConfigStore.instance().repo.get(group, {})]
 
 
 def _import_plugins(overrides: Sequence[str]) -> None:

@@ -21,7 +21,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 import pcnclaws
-from pcnclaws.commands.choices import is_choice, offer_choices
+from pcnclaws.commands.choices import choices_of, offer_choices
 from pcnclaws.commands.folder_names import FolderNames, folder_names
 from pcnclaws.commands.options import OPEN_GROUPS, check_options, leaves, unknown_option
 from pcnclaws.commands.typed import typed
@@ -58,6 +58,13 @@ def compose_config(entry: str, overrides: Sequence[str] = ()) -> Any:
         return checked(entry, _compose(entry, overrides), overrides)
     except CONFIG_ERRORS as error:
         raise explain(entry, overrides, error) from error
+
+
+def composed_groups(entry: str, overrides: Sequence[str]) -> tuple[DictConfig, list[str]]:
+    """The options of an entry point, neither resolved nor checked, and the names of its groups."""
+    config = _compose(entry, overrides, with_hydra=True)
+    groups = [group for group in config.hydra.runtime.choices if not group.startswith("hydra/")]
+    return OmegaConf.masked_copy(config, [str(name) for name in config if name != "hydra"]), groups
 
 
 def as_hydra_reads_them(overrides: Sequence[str]) -> list[str]:
@@ -168,11 +175,11 @@ def _as_addition(override: str) -> str:
     return f"++{override}" if override.startswith(OPEN_GROUPS) else override
 
 
-def _compose(entry: str, overrides: Sequence[str]) -> DictConfig:
+def _compose(entry: str, overrides: Sequence[str], with_hydra: bool = False) -> DictConfig:
     if GlobalHydra.instance().is_initialized():
-        return compose(entry, list(overrides))
+        return compose(entry, list(overrides), with_hydra)
     with initialize_config_dir(version_base=HYDRA_VERSION_BASE, config_dir=str(conf_folder())):
-        return compose(entry, list(overrides))
+        return compose(entry, list(overrides), with_hydra)
 
 
 def _defaults(entry: str, overrides: Sequence[str]) -> Mapping[str, Any]:
@@ -189,7 +196,7 @@ def _defaults(entry: str, overrides: Sequence[str]) -> Mapping[str, Any]:
 
 
 def _exists(group: str, choice: str) -> bool:
-    return is_choice(group, choice) or (conf_folder() / group / f"{choice}.yaml").is_file()
+    return choice in choices_of(group) or (conf_folder() / group / f"{choice}.yaml").is_file()
 
 
 @cache

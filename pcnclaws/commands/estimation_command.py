@@ -13,7 +13,6 @@ from rich.console import Console
 from pcnclaws.atomic import replaced_file
 from pcnclaws.commands.configuration import (
     execution_from,
-    observation_from,
     use_processor,
 )
 from pcnclaws.commands.estimation_report import (
@@ -24,6 +23,7 @@ from pcnclaws.commands.estimation_report import (
     verdicts,
 )
 from pcnclaws.commands.estimation_setup import estimator_from, guess_from, noise_from, start_from_guess, unknowns_from
+from pcnclaws.commands.observation_setup import observation_from
 from pcnclaws.commands.outputs import RESULT, output_file, scene_files
 from pcnclaws.commands.runs import law_folder, laws_for, load_run
 from pcnclaws.commands.typed import plain

@@ -39,11 +39,13 @@ from pcnclaws.commands.composition import (
     task_overrides,
 )
 from pcnclaws.commands.folder_names import swept_options
+from pcnclaws.commands.help import help_text
 from pcnclaws.commands.signals import signals_end_it
 from pcnclaws.commands.sweeps import Job, sweep_table
 from pcnclaws.commands.typed_configs import Command
 from pcnclaws.errors import CannotWrite, Interrupted, SimulationDiverged, UserError, is_full, reason
 
+HELP = {"--help", "-h"}
 FAILED, WRONG_INPUT, TERMINATED = 1, 2, 128 + signal.SIGTERM
 # Width of the table of a sweep where the output is not a terminal: folders are long.
 PLAIN_WIDTH = 160
@@ -80,6 +82,9 @@ def _run(jobs: "Jobs", arguments: Sequence[str]) -> None:
         flags, overrides = _split(arguments)
         jobs.overrides = overrides = as_hydra_reads_them(overrides)
         offer_choices(overrides)
+        if HELP & set(flags):
+            print(help_text(jobs.entry, jobs.task.__doc__, overrides))
+            return
         jobs.swept = swept_options(overrides)
         with tempfile.TemporaryDirectory() as sweep_folder:
             _launch(jobs, flags, [*overrides, f"hydra.sweep.dir={sweep_folder}"])

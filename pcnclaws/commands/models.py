@@ -2,10 +2,6 @@
 
 from collections.abc import Callable, Mapping
 
-from pcnclaws.baselines.gns import gns
-from pcnclaws.baselines.identified import identified
-from pcnclaws.baselines.nclaws import nclaws
-from pcnclaws.baselines.spline import spline
 from pcnclaws.errors import unknown_name
 from pcnclaws.laws.materials import Material
 from pcnclaws.laws.neural import build_neural_laws
@@ -28,11 +24,36 @@ class _Baseline:
         return self.build(material, fields)
 
 
+def _nclaws(material: Material, fields: Fields) -> Model:
+    from pcnclaws.baselines.nclaws import nclaws
+
+    return nclaws(material)
+
+
+def _spline(material: Material, fields: Fields) -> Model:
+    from pcnclaws.baselines.spline import spline
+
+    return spline(material, fields)
+
+
+def _gns(material: Material, fields: Fields) -> Model:
+    from pcnclaws.baselines.gns import gns
+
+    return gns(material, fields)
+
+
+def _identified(material: Material, fields: Fields) -> Model:
+    from pcnclaws.baselines.identified import identified
+
+    return identified(material)
+
+
+# Each is loaded when it is asked for: the graph network loads SciPy.
 BASELINES: Mapping[str, Callable[[Material, Fields], Model]] = {
-    "nclaws": _Baseline(lambda material, _: nclaws(material)),
-    "spline": _Baseline(spline, "knots", "reach"),
-    "gns": _Baseline(gns, "width", "message_passing_steps", "radius"),
-    "identified": _Baseline(lambda material, _: identified(material)),
+    "nclaws": _Baseline(_nclaws),
+    "spline": _Baseline(_spline, "knots", "reach"),
+    "gns": _Baseline(_gns, "width", "message_passing_steps", "radius"),
+    "identified": _Baseline(_identified),
 }
 
 

@@ -17,7 +17,6 @@ from pcnclaws.commands.typed_configs import SimulateConfig
 from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.laws.materials import material_named
-from pcnclaws.rendering.pictures import picture_path, trajectory_picture
 from pcnclaws.simulation.particle_spacing import particles_a_cell, warn_of_sparse_particles
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
@@ -35,11 +34,17 @@ def simulate(config: SimulateConfig) -> None:
     start = start_from(config)
     record = _trajectory(config, start)
     # the picture first: a run that fails leaves no trajectory file
-    picture = trajectory_picture(record, picture_path(output)) if config.picture else None
+    picture = _picture(record, output) if config.picture else None
     write_scenes(output, [record])
     print(_summary(record, particles_a_cell(start), output))
     if picture:
         print(f"wrote {picture}")
+
+
+def _picture(record: SceneRecord, output: Path) -> Path:
+    from pcnclaws.rendering.pictures import picture_path, trajectory_picture  # loads matplotlib
+
+    return trajectory_picture(record, picture_path(output))
 
 
 def _trajectory(config: SimulateConfig, start: SceneStart) -> SceneRecord:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int64
-from scipy.spatial import KDTree
 
 # Neighbours of a particle: at most those around it in a lattice, not farther than this many spacings.
 MOST_NEIGHBOURS, REACH = 26, 1.8
@@ -72,6 +71,8 @@ def _neighbourhoods(
     the inverse of the matrix of their spread [1/m^2]."""
     if len(position) <= FEWEST_NEIGHBOURS:
         return
+    from scipy.spatial import KDTree  # takes its time to load, and most bodies need none
+
     tree, count = KDTree(position), min(MOST_NEIGHBOURS + 1, len(position))
     for first in range(0, len(position), PARTICLES_AT_ONCE):
         part = slice(first, first + PARTICLES_AT_ONCE)

@@ -4,8 +4,8 @@ import logging
 from collections.abc import Sequence
 
 import numpy as np
+import torch
 from jaxtyping import Float
-from scipy.spatial import KDTree
 
 from pcnclaws.mpm.settings import FEWEST_CELLS, SimulationSettings
 from pcnclaws.simulation.scenes import SceneStart
@@ -14,6 +14,8 @@ log = logging.getLogger(__name__)
 
 # Of so many particles the neighbours are looked for.
 SAMPLE = 2000
+# So many particles are compared one with the other, in less time than SciPy takes to load.
+FEW = 2000
 # Accepted rounding of a spacing of one cell, relative.
 ROUNDING = 1e-3
 
@@ -28,7 +30,7 @@ def particle_spacing(position: Float[np.ndarray, "particles 3"], volume: Float[n
     if len(position) < 2:
         return edge
     sample = position[:: -(-len(position) // SAMPLE)]
-    return max(edge, float(np.median(KDTree(position).query(sample, k=2)[0][:, 1])))
+    return max(edge, float(np.median(_to_the_nearest(sample, position))))
 
 
 def particles_a_cell(start: SceneStart) -> float:
@@ -57,6 +59,18 @@ def warn_of_sparse_particles(starts: Sequence[SceneStart]) -> None:
         0.5 * dx,
         _coarser_spacing(start.settings, spacing),
     )
+
+
+def _to_the_nearest(
+    sample: Float[np.ndarray, "sample 3"], position: Float[np.ndarray, "particles 3"]
+) -> Float[np.ndarray, " sample"]:
+    """Distance of some of the particles to the nearest other one [m]."""
+    if len(position) <= FEW:
+        pairs = torch.as_tensor(np.array(sample, np.float64)), torch.as_tensor(np.array(position, np.float64))
+        return torch.cdist(*pairs, compute_mode="donot_use_mm_for_euclid_dist").kthvalue(2, dim=1).values.numpy()
+    from scipy.spatial import KDTree
+
+    return KDTree(position).query(sample, k=2)[0][:, 1]
 
 
 def _coarser_spacing(settings: SimulationSettings, least: float) -> float:

@@ -67,7 +67,12 @@ class Loop:
             if name not in known:
                 raise unknown_name("trainer", name, known)
         if self.trainer:  # before any data is made
-            self.made_trainer(logger=False, enable_progress_bar=False, enable_model_summary=False)
+            made = self.made_trainer(logger=False, enable_progress_bar=False, enable_model_summary=False)
+            if made.world_size > 1:
+                raise UserError(
+                    f"{self._given} trains in {made.world_size} processes; accepted: one device of one node, since the "
+                    "scenes of a batch are one simulation"
+                )
 
     def made_logger(self, folder: Path) -> Logger:
         """The logger of a run folder."""
@@ -88,7 +93,10 @@ class Loop:
         try:
             return Trainer(**{**options, **self.trainer})
         except (MisconfigurationException, TypeError, ValueError) as fault:
-            given = ", ".join(f"trainer.{name}={value}" for name, value in self.trainer.items())
-            if not given:
+            if not self.trainer:
                 raise
-            raise UserError(f"{given}: {' '.join(str(fault).split())}") from fault
+            raise UserError(f"{self._given}: {' '.join(str(fault).split())}") from fault
+
+    @property
+    def _given(self) -> str:
+        return ", ".join(f"trainer.{name}={value}" for name, value in self.trainer.items())

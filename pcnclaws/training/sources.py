@@ -55,13 +55,13 @@ def own_scenes(paths: Sequence[Path], material: Material) -> TrainingScenes:
 
 
 def generated_scenes(files: Mapping[str, Sequence[Path]], material: Material) -> TrainingScenes:
-    """The scenes of a generated data set, by split; the material's test-only objects for the test."""
+    """The scenes of a generated data set, by split; the material's reference objects for the test, if any."""
     splits = {split: [record for path in paths for record in read_scenes(path)] for split, paths in files.items()}
-    notes = (
-        f"{len(splits['train'])} scenes to train on, {len(splits['validation'])} for the checks, "
-        f"{len(splits['test'])} unseen objects for the test",
-    )
-    return TrainingScenes(splits["train"], splits["validation"], splits["test"], material.ranges, notes)
+    test, unseen = splits["test"], f"{len(splits['test'])} unseen objects for the test"
+    if not test:
+        test, unseen = splits["validation"], f"which are the test, too: {material.name} has no reference objects"
+    notes = (f"{len(splits['train'])} scenes to train on, {len(splits['validation'])} for the checks, {unseen}",)
+    return TrainingScenes(splits["train"], splits["validation"], test, material.ranges, notes)
 
 
 def for_regime(scenes: TrainingScenes, module: type[ConstitutiveModule], scene: str | int | None) -> TrainingScenes:

@@ -218,20 +218,19 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
 
 
 def test_the_document_holds_every_setting_and_a_picture_a_material(in_process: Any, tmp_path: Path) -> None:
-    outcome = in_process(benchmark, "benchmark", "problem=run_time_vs_error", *TINY, "output=o")
+    options = [option.replace("[bounce,bar]", "[bar]") for option in TINY]
+    outcome = in_process(benchmark, "benchmark", "problem=run_time_vs_error", *options, "output=o")
     assert outcome.status == 0, outcome.err
     results = json.loads((tmp_path / "o/run_time_vs_error.json").read_text())["results"]
     assert {path.name for path in (tmp_path / "o").iterdir()} == {
         "run_time_vs_error.json",
         "run_time_vs_error_elasticity.png",
     }
-    assert {(row["problem"], row["law"]) for row in results["rows"]} == {
-        (problem, law) for problem in ("bounce", "bar") for law in ("analytic", "neural")
-    }
-    bounce = [row for row in results["rows"] if (row["problem"], row["law"]) == ("bounce", "analytic")]
-    assert {row["precision"] for row in bounce} == {"float32", "float64"}
-    assert {row["backend"] for row in bounce} == {"auto", "torch"}
-    assert {row["skips"] for row in bounce} == {True, False}
+    assert {(row["problem"], row["law"]) for row in results["rows"]} == {("bar", "analytic"), ("bar", "neural")}
+    analytic = [row for row in results["rows"] if row["law"] == "analytic"]
+    assert {row["precision"] for row in analytic} == {"float32", "float64"}
+    assert {row["backend"] for row in analytic} == {"auto", "torch"}
+    assert {row["skips"] for row in analytic} == {True, False}
     for row in results["rows"]:
         assert 0.0 < row["error"] < 0.1
         assert row["seconds"] > 0.0

@@ -6,6 +6,7 @@ import pytest
 
 from pcnclaws.commands.typed_configs import SimulateConfig
 from pcnclaws.errors import SimulationDiverged, UserError
+from pcnclaws.simulate import simulate
 
 
 def do_nothing(config: SimulateConfig) -> None:
@@ -105,10 +106,23 @@ def test_an_interruption_exits_1_without_a_traceback(in_process):
     assert one_line(outcome.err) == "error: interrupted"
 
 
-def test_help_and_cfg_still_work(command):
+def test_cfg_shows_the_options(command):
     shown = command("simulate", "--cfg", "job", "material=plasticine")
     assert shown.status == 0
     assert "yield_stress" in shown.out
+
+
+def test_help_shows_the_groups_of_the_command_and_its_options(in_process):
+    shown = in_process(simulate, "simulate", "--help", "material=plasticine")
+    assert shown.status == 0
+    assert str(simulate.__doc__) in shown.out
+    assert "material         elasticity, neo_hookean, plasticine, sand, tresca" in shown.out
+    assert "training" not in shown.out
+    assert "    yield_stress: " in shown.out
+    assert "picture: true" in shown.out
+    wrong = in_process(simulate, "simulate", "--help", "material=sandd")
+    assert wrong.status == 2
+    assert "did you mean 'sand'" in one_line(wrong.err)
 
 
 def test_outputs_lie_in_the_working_folder(in_process):

@@ -54,6 +54,18 @@ def test_a_run_folder_gives_back_its_laws(run: Path) -> None:
     assert all(torch.equal(weight, expected[name]) for name, weight in law_weights(loaded.laws).items())
 
 
+def test_a_run_folder_of_before_the_groups_of_options_loads_and_is_not_continued(run: Path) -> None:
+    """Its options had other names; those that a law is built from have stayed."""
+    old = {name: CONFIGURATION[name] for name in ("material", "model")} | {"train": {"iterations": 3, "precision": 32}}
+    (run / CONFIG).write_text(yaml.safe_dump(old))
+    expected = law_weights(neural_laws(1))
+    assert all(torch.equal(weight, expected[name]) for name, weight in law_weights(load_run(run).laws).items())
+    groups = {"trainer": {"devices": None}, "callbacks": {"early_stopping": {"patience": None}}}
+    with pytest.raises(UserError, match="holds a run of another configuration .*accepted: .*overwrite=true") as refused:
+        is_finished(run, CONFIGURATION | groups)
+    assert "\n" not in str(refused.value)
+
+
 def test_law_names() -> None:
     assert isinstance(laws_for("analytic", MATERIALS["elasticity"]).elasticity, FixedCorotated)
     with pytest.raises(UserError, match=r"law=pretrained: no weights ship for tresca.*experiment=tresca_multi"):

@@ -10,7 +10,8 @@ from recorded_scenes import recorded, small_cube
 
 from pcnclaws.calibrate import calibrate
 from pcnclaws.commands.composition import compose_config
-from pcnclaws.commands.configuration import observation_from, start_from
+from pcnclaws.commands.configuration import start_from
+from pcnclaws.commands.observation_setup import observation_from
 from pcnclaws.data.first_motion import contradiction, name_contradictions
 from pcnclaws.data.hdf5 import read_scenes, write_scenes
 from pcnclaws.data.point_files import read_point_file

@@ -54,13 +54,11 @@ def test_the_jacobian_is_that_of_finite_differences(material: str) -> None:
     values[-1] = 1.3e-4  # between two steps, of the clock
     u, reach = unknowns.coordinates(values), 1e-5
     at = problem.linearise(u)
-    for k in range(len(unknowns)):
-        ends = []
-        for sign in (1.0, -1.0):
-            beside = u.copy()
-            beside[k] += sign * reach
-            ends.append(problem.linearise(beside).residual)
-        numeric = (ends[0] - ends[1]) / (2.0 * reach)
+    # motion and clock know nothing of the material
+    for k in unknowns.physical if material != "elasticity" else range(len(unknowns)):
+        reached = reach * np.eye(len(u))[k]
+        change = problem.motion(u + reached) - problem.motion(u - reached)
+        numeric = change.transpose(0, 2, 1).ravel() / (2.0 * reach)
         assert np.abs(at.jacobian[k] - numeric).max() < 2e-3 * np.abs(numeric).max(), unknowns.sought[k].label
 
 

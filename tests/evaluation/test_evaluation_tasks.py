@@ -317,8 +317,8 @@ def test_the_command_evaluates_in_one_scene_and_leaves_a_sheet(in_process, tmp_p
 
 
 def test_the_command_reports_the_floor_of_a_built_in_task(in_process, tmp_path: Path) -> None:
-    arguments = ("material=elasticity", "law=analytic", "task=unseen", "picture=false", "output=m.json")
-    outcome = in_process(evaluate, "evaluate", *arguments)
+    arguments = ("material=elasticity", "law=analytic", "task=reconstruction", "picture=false", "output=m.json")
+    outcome = in_process(evaluate, "evaluate", *arguments, "task.scene=train-02")
     assert outcome.status == 0, outcome.err
     found = json.loads((tmp_path / "m.json").read_text())
     assert set(found["floor"]) == {"float64", "half_step"}

@@ -11,7 +11,8 @@ import pytest
 import trimesh
 
 from pcnclaws.commands.composition import compose_config
-from pcnclaws.commands.configuration import body_from, observation_from
+from pcnclaws.commands.configuration import body_from
+from pcnclaws.commands.observation_setup import observation_from
 from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.errors import UserError
 from pcnclaws.geometry.shapes import mesh_particles, particles

@@ -23,6 +23,7 @@ from pcnclaws.simulation.rollout import simulate
 from pcnclaws.simulation.scenes import SceneStart
 
 both = pytest.mark.parametrize("backend", ["torch", "auto"])
+slow_in_pytorch = pytest.mark.parametrize("backend", [pytest.param("torch", marks=pytest.mark.slow), "auto"])
 
 
 def end_of(start: SceneStart, steps: int) -> np.ndarray:
@@ -31,7 +32,12 @@ def end_of(start: SceneStart, steps: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("backend", "corner"), [("torch", (0.3, -1.0, 7.0)), ("auto", (0.0, 0.0, 0.0)), ("auto", (0.3, -1.0, 7.0))]
+    ("backend", "corner"),
+    [
+        pytest.param("torch", (0.3, -1.0, 7.0), marks=pytest.mark.slow),
+        ("auto", (0.0, 0.0, 0.0)),
+        ("auto", (0.3, -1.0, 7.0)),
+    ],
 )
 def test_a_small_box_anywhere_equals_the_unit_box_by_similarity(backend: str, corner: tuple[float, ...]) -> None:
     """Lengths by a, times by a, so that speeds stay: moduli stay, gravity is divided by a."""
@@ -133,7 +139,7 @@ def test_a_force_moves_the_particles_in_its_box_while_it_acts(backend: str) -> N
     torch.testing.assert_close(slope, torch.tensor([0.02, 0.0, 0.0], dtype=torch.float64), rtol=1e-10, atol=1e-12)
 
 
-@both
+@slow_in_pytorch
 def test_friction_walls_slow_a_body_that_slides_on_the_floor(backend: str) -> None:
     """Deceleration mu g, as of Coulomb; without friction none."""
     position = lattice((4, 4, 4), (0.15, 0.15, 0.15), (0.4, 0.175, 0.5))

@@ -20,6 +20,7 @@ from bodies import (
     spinning,
     uniform,
 )
+from conftest import SLOW_IN_PYTORCH
 
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.contact import VERSION_1_STICK
@@ -56,7 +57,7 @@ PARAMETERS = {
 SIDES = (0.2, 0.18, 0.15)
 COUNTS = (5, 4, 4)
 PARTICLES = 80
-STEPS = 100
+STEPS = 70
 
 
 def irregular_body(motion: Motion) -> tuple[ParticleState, torch.Tensor]:
@@ -127,6 +128,7 @@ def motion_in(dtype: torch.dtype, material: str) -> torch.Tensor:
     return simulate(step, in_precision(state, dtype), scenes, 500, every=5).position.double()
 
 
+@SLOW_IN_PYTORCH
 @pytest.mark.parametrize(
     "material",
     ["elasticity", *(pytest.param(material, marks=pytest.mark.slow) for material in ("plasticine", "sand"))],

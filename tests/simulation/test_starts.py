@@ -13,8 +13,9 @@ from recordings import recording, written
 from scipy.spatial.transform import Rotation
 
 from pcnclaws.commands.composition import compose_config
-from pcnclaws.commands.configuration import body_from, observation_from, start_from
+from pcnclaws.commands.configuration import body_from, start_from
 from pcnclaws.commands.data_sets import plan_from
+from pcnclaws.commands.observation_setup import observation_from
 from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.data.observation import Observation
 from pcnclaws.data.sampling import DataSetPlan, planned_scenes

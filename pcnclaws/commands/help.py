@@ -1,0 +1,46 @@
+"""Help of a command: what it does, the groups that it has with their choices, and its options with their values."""
+
+from collections.abc import Mapping, Sequence
+
+from omegaconf import DictConfig, OmegaConf
+
+from pcnclaws.commands.choices import choices_of
+from pcnclaws.commands.composition import composed_groups, conf_folder
+
+FLAGS = {
+    "--cfg job": "the options alone",
+    "--multirun": "one job for each combination of comma-separated values",
+    "--hydra-help": "the flags of Hydra",
+}
+
+
+def help_text(entry: str, words: str | None, overrides: Sequence[str]) -> str:
+    """What `--help` prints, with the overrides beside it applied.
+
+    words   what the command does: the docstring of its task
+    raises  errors of Hydra and OmegaConf for overrides that cannot be composed
+    """
+    options, groups = composed_groups(entry, overrides)
+    return "\n\n".join(
+        (
+            f"{entry} option=value group=choice ...",
+            (words or "").partition("\n")[0],
+            _table("Flags", FLAGS),
+            _table("Groups and their choices", {name: _choices(name) for name in sorted(groups)}),
+            f"Options\n\n{_shown(options)}",
+        )
+    )
+
+
+def _choices(group: str) -> str:
+    files = (conf_folder() / group).glob("*.yaml")
+    return ", ".join(sorted({*(path.stem for path in files), *choices_of(group)}))
+
+
+def _table(title: str, rows: Mapping[str, str]) -> str:
+    width = max(map(len, rows))
+    return "\n".join((f"{title}\n", *(f"  {name:<{width}}  {words}" for name, words in rows.items())))
+
+
+def _shown(options: DictConfig) -> str:
+    return "\n".join(f"  {line}" for line in OmegaConf.to_yaml(options).splitlines())
