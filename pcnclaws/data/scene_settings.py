@@ -3,6 +3,7 @@
 A scene in the unit box with the walls of version 1 and nothing else around it can be written in version 1.
 """
 
+import hashlib
 from typing import Any
 
 import h5py
@@ -39,7 +40,7 @@ def described_settings(settings: SimulationSettings) -> dict[str, Any]:
         "boundary": settings.boundary,
         "friction": settings.friction,
         "domain": settings.domain and [list(corner) for corner in settings.domain],
-        "colliders": [collider.to_options() for collider in settings.colliders],
+        "colliders": [_without_arrays(collider.to_options()) for collider in settings.colliders],
         "loads": [load.to_options() for load in settings.loads],
     }
 
@@ -126,10 +127,26 @@ def _read_all(group: GuardedGroup, name: str) -> list[dict[str, Any]]:
     if name not in group:
         return []
     members = group.group(name)
-    return [members.group(number).options() for number in sorted(members.names(), key=lambda text: (len(text), text))]
+    one_by_one = sorted(members.names(), key=lambda text: (len(text), text))
+    return [_options_of(members.group(number)) for number in one_by_one]
+
+
+def _options_of(group: GuardedGroup) -> dict[str, Any]:
+    """Numbers, words and arrays by name."""
+    return group.options() | {name: group.array(name, (None, None, None)) for name in group.names()}
+
+
+def _without_arrays(options: dict[str, Any]) -> dict[str, Any]:
+    """The options with the digests of arrays in their places."""
+    return {
+        name: hashlib.blake2b(value.tobytes(), digest_size=16).hexdigest() if isinstance(value, np.ndarray) else value
+        for name, value in options.items()
+    }
 
 
 def _write_options(group: h5py.Group, options: dict[str, Any]) -> None:
     for name, value in options.items():
-        if value is not None:
+        if isinstance(value, np.ndarray):
+            group.create_dataset(name, data=value, compression="gzip", shuffle=True, fletcher32=True)
+        elif value is not None:
             group.attrs[name] = value
