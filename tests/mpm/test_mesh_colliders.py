@@ -67,8 +67,8 @@ def test_a_mesh_acts_as_the_shape_that_it_describes(shape: str) -> None:
     given = first.impulses[-1, 0]
     assert float(given.norm()) > 5.0
     assert float((second.impulses[-1, 0] - given).norm() / given.norm()) < 0.02
-    moved = (first.position[-1] - first.position[0]).norm(dim=1).max()
-    assert float((second.position - first.position).norm(dim=2).max()) < 0.05 * float(moved)
+    # its triangles lie up to half a millimetre inside of the sphere, and its normals turn from one to the next
+    assert float((second.position - first.position).norm(dim=2).max()) < 0.01 * RADIUS
 
 
 def test_derivatives_by_friction_and_velocity_of_a_mesh_are_those_of_finite_differences() -> None:
