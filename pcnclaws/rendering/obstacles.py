@@ -125,8 +125,8 @@ def _distance(
 
 def _outlines(surface: _Surface, line: int) -> Bool[np.ndarray, "rows columns"]:
     """Pixels at the edge of what a collider covers."""
-    edge = np.zeros(surface.owner.shape, dtype=bool)
+    edge = np.zeros(surface.owner.shape, dtype=np.bool_)
     for number in np.unique(surface.owner[surface.owner >= 0]):
         covered = surface.owner == number
-        edge |= covered & ~binary_erosion(covered, iterations=line, border_value=1)
+        edge |= covered & np.logical_not(binary_erosion(covered, iterations=line, border_value=1))
     return edge
