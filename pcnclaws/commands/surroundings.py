@@ -37,7 +37,7 @@ def grid_spacing_from(simulation: ScenesSettings) -> float | None:
 
 
 def surroundings_from(scene: Scene) -> dict[str, Any]:
-    """The colliders and loads of `scene.*`, by name; without those that are null."""
+    """The colliders, the loads and the start time of `scene.*`, by name; without those that are null."""
     found: dict[str, Any] = {}
     if scene.colliders is not None:
         found["colliders"] = tuple(
@@ -45,6 +45,8 @@ def surroundings_from(scene: Scene) -> dict[str, Any]:
         )
     if scene.loads is not None:
         found["loads"] = tuple(_all_of(scene.loads, "loads", Load.from_options))
+    if scene.start_time is not None:
+        found["start_time"] = scene.start_time
     return found
 
 

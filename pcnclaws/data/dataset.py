@@ -11,6 +11,7 @@ from torch.utils.data import Dataset
 
 from pcnclaws.data.segments import SegmentGroup, SegmentPlan, notes_on_free_flight
 from pcnclaws.data.timeline import Timeline
+from pcnclaws.errors import UserError
 from pcnclaws.layout import join_positions
 from pcnclaws.simulation.batch import SceneBatch, batch_scenes
 from pcnclaws.simulation.records import SceneRecord
@@ -25,6 +26,7 @@ class SegmentBatch(NamedTuple):
     steps   length of the segments
     every   steps from one frame to the next
     group   which of the data set's settings the segments have
+    start_time  of all segments, where their surroundings change with time [s], else that of the settings
     """
 
     start: SceneBatch
@@ -32,6 +34,7 @@ class SegmentBatch(NamedTuple):
     steps: int
     every: int
     group: int
+    start_time: float = 0.0
 
 
 class SegmentDataset(Dataset[SegmentBatch]):
@@ -51,6 +54,11 @@ class SegmentDataset(Dataset[SegmentBatch]):
         self.settings = [group[0].record.settings for group in timelines]
         self.groups = [SegmentGroup(group, plan) for group in timelines]
         self.notes = notes_on_free_flight(self.groups) if plan.iterations else ()
+        if plan.segments is None and any(settings.changes for settings in self.settings):
+            raise UserError(
+                "training.batch_segments=null is not possible where colliders move or loads act: segments of a batch "
+                "begin at one time; accepted: a number of segments"
+            )
 
     def __len__(self) -> int:
         return self.plan.iterations
@@ -76,9 +84,12 @@ class SegmentDataset(Dataset[SegmentBatch]):
         else:
             chosen = [timelines[scene] for scene in _spread(random, len(timelines), self.plan.segments)]
             begins = _begins(random, chosen, length)
-        batch = batch_scenes([timeline.begin(b) for timeline, b in zip(chosen, begins, strict=True)], self.dtype, "cpu")
+            if self.settings[g].changes:
+                begins, chosen = _at_one_time(begins, chosen)
+        starts = [timeline.begin(b) for timeline, b in zip(chosen, begins, strict=True)]
+        batch = batch_scenes(starts, self.dtype, "cpu")
         frames = [timeline.frames(b, length, every) for timeline, b in zip(chosen, begins, strict=True)]
-        return SegmentBatch(batch, join_positions(frames, self.dtype), length, every, g)
+        return SegmentBatch(batch, join_positions(frames, self.dtype), length, every, g, starts[0].settings.start_time)
 
 
 def _spread(random: np.random.Generator, count: int, wanted: int) -> np.ndarray:
@@ -99,6 +110,13 @@ def _end_to_end(timeline: Timeline, length: int) -> list[int]:
         if begins[-1] == begins[-2]:
             return begins[:-1]
     return begins
+
+
+def _at_one_time(begins: Sequence[int], chosen: Sequence[Timeline]) -> tuple[list[int], list[Timeline]]:
+    """Segments that begin when the first one does, of the scenes with a restart then: what moves is in one place."""
+    begin = begins[0]
+    kept = [timeline for timeline in chosen if begin in timeline.restarts]
+    return [begin] * len(kept), kept
 
 
 def _begins(random: np.random.Generator, chosen: Sequence[Timeline], length: int) -> list[int]:

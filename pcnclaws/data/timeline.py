@@ -40,8 +40,11 @@ class Timeline:
         if keyframes is None or step == 0:
             return self.start
         k = int(np.flatnonzero(keyframes.step == step)[0])
+        settings = self.start.settings
         return replace(
             self.start,
+            settings=replace(settings, start_time=settings.time_at(step)) if settings.changes else settings,
+            loaded_at=self.start.position if settings.loads else None,
             position=keyframes.position[k],
             velocity=keyframes.velocity[k],
             affine=keyframes.affine[k],

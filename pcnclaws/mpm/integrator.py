@@ -133,7 +133,7 @@ class MPMIntegrator(nn.Module):
         """The state with the velocity that loads add in the step."""
         if not self.settings.loads:
             return state
-        acceleration = load_acceleration(self.settings.loads, scenes.load_shares, step * self.settings.time_step)
+        acceleration = load_acceleration(self.settings.loads, scenes.load_shares, self.settings.time_at(step))
         if acceleration is None:
             return state
         return state._replace(velocity=state.velocity + self.settings.time_step * acceleration)
@@ -152,7 +152,7 @@ class MPMIntegrator(nn.Module):
             else:
                 velocity = apply_walls(velocity, walls, settings.boundary)
         if settings.colliders:
-            mass, time = nodes[3].unflatten(0, (scenes.scene_count, grid.size)), step * settings.time_step
+            mass, time = nodes[3].unflatten(0, (scenes.scene_count, grid.size)), settings.time_at(step)
             velocity, impulses = apply_colliders(velocity, mass, grid, settings.colliders, time)
             if take_impulses is not None:
                 take_impulses(impulses)

@@ -128,7 +128,9 @@ def panel(
 def _scenery(record: SceneRecord, frame: int) -> Scenery:
     """The colliders where they are in a frame."""
     settings = record.settings
-    return Scenery(settings.colliders, float(record.time[frame] - record.time[0]), settings.gravity)
+    return Scenery(
+        settings.colliders, settings.start_time + float(record.time[frame] - record.time[0]), settings.gravity
+    )
 
 
 def _comparison_title(true: SceneRecord, predicted: SceneRecord) -> str:

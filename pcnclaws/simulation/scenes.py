@@ -26,6 +26,8 @@ class SceneStart:
     affine       APIC velocity gradient C [1/s], (particles, 3, 3), None for 0
     deformation  elastic deformation gradient F [-], (particles, 3, 3), None for I
     density      of each particle [kg/m^3], (particles,), None where it is that of the settings
+    loaded_at    positions by which loads act on particles [m], (particles, 3), None where it is their own: the first
+                 ones of a run that starts later
     varying      physical parameters that differ between the particles, by name, each (particles,); what is recorded
                  of the scene does not hold them
     """
@@ -40,6 +42,7 @@ class SceneStart:
     affine: Float[np.ndarray, "particles 3 3"] | None = None
     deformation: Float[np.ndarray, "particles 3 3"] | None = None
     density: Float[np.ndarray, " particles"] | None = None
+    loaded_at: Float[np.ndarray, "particles 3"] | None = None
     varying: Mapping[str, Float[np.ndarray, " particles"]] = field(default_factory=dict)
 
     @property
@@ -96,4 +99,5 @@ def group_by_settings(scenes: Sequence[Scene]) -> list[list[Scene]]:
 
 def _shared(settings: SimulationSettings) -> SimulationSettings:
     """The settings but for what may differ within a batch."""
-    return replace(settings, gravity=(0.0, 0.0, 0.0), density=1.0)
+    same = replace(settings, gravity=(0.0, 0.0, 0.0), density=1.0)
+    return same if settings.changes else replace(same, start_time=0.0)

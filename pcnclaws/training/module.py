@@ -4,7 +4,7 @@ import logging
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import torch
@@ -14,6 +14,7 @@ from pcnclaws.data.dataset import SegmentBatch
 from pcnclaws.errors import SimulationDiverged, UserError, unknown_name
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.metrics import position_mse
+from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.fast_paths import Skips
@@ -80,6 +81,15 @@ class OptimiserSettings:
         return LOSS_SCALE[self.loss] if self.loss_scale is None else self.loss_scale
 
 
+def _starting_at(simulator: Simulator, start_time: float) -> Simulator:
+    """The simulator with the surroundings of a later start [s]."""
+    settings = simulator.integrator.settings
+    if settings.start_time == start_time:
+        return simulator
+    integrator = MPMIntegrator(replace(settings, start_time=start_time))
+    return Simulator(simulator.elasticity, simulator.plasticity, integrator)
+
+
 class ConstitutiveModule(WatchedModule):
     """Trains the laws of a material by differentiating through the simulation.
 
@@ -113,7 +123,7 @@ class ConstitutiveModule(WatchedModule):
         """The scenes that the regime trains on; `scene` is the option regime.scene."""
 
     def training_step(self, batch: SegmentBatch, batch_idx: int) -> Tensor:
-        simulator = cast(Simulator, self.simulators[batch.group])
+        simulator = _starting_at(cast(Simulator, self.simulators[batch.group]), batch.start_time)
         predicted = differentiable_rollout(
             simulator, batch.start, batch.steps, batch.every, recompute=self.settings.recompute, skips=self.skips
         )
