@@ -13,7 +13,14 @@ from pcnclaws.compiled.split_step import from_grid, to_grid
 from pcnclaws.compiled.step import StepSettings
 from pcnclaws.compiled.step import step as compiled_step
 from pcnclaws.linalg3 import matmul
-from pcnclaws.mpm.boundaries import apply_colliders, apply_friction_walls, apply_walls, axis_walls, wall_nodes
+from pcnclaws.mpm.boundaries import (
+    apply_colliders,
+    apply_friction_walls,
+    apply_walls,
+    axis_walls,
+    wall_limits,
+    wall_nodes,
+)
 from pcnclaws.mpm.grid import MOST_WHOLE, Grid, grid_of
 from pcnclaws.mpm.loads import load_acceleration
 from pcnclaws.mpm.settings import SimulationSettings
@@ -70,7 +77,7 @@ class MPMIntegrator(nn.Module):
         grid = self._grid(state)
         if served:
             kernel = self.kernel_settings(grid)
-            nodes = to_grid(kernel, bodies, (*state, stress)).T
+            nodes = to_grid(kernel, bodies, (*state, stress)).T.contiguous()
             velocity = self._moved(nodes, grid, scenes, step, take_impulses)
             return ParticleState(*from_grid(kernel, bodies, velocity, state.position, state.deformation))
 
@@ -150,7 +157,8 @@ class MPMIntegrator(nn.Module):
             if settings.friction > 0.0:
                 velocity = apply_friction_walls(velocity, walls, settings.friction)
             else:
-                velocity = apply_walls(velocity, walls, settings.boundary)
+                limits = _limits_of(grid, self._plain, nodes.device, nodes.dtype)
+                velocity = apply_walls(velocity, walls, settings.boundary, limits)
         if settings.colliders:
             mass, time = nodes[3].unflatten(0, (scenes.scene_count, grid.size)), settings.time_at(step)
             velocity, impulses = apply_colliders(velocity, mass, grid, settings.colliders, time)
@@ -173,6 +181,12 @@ class MPMIntegrator(nn.Module):
 @lru_cache(maxsize=16)
 def _offsets(grid: Grid, device: torch.device) -> Tensor:
     return grid.stencil_offsets().to(device)
+
+
+@lru_cache(maxsize=16)
+def _limits_of(grid: Grid, settings: SimulationSettings, device: torch.device, dtype: torch.dtype) -> Tensor:
+    with torch.inference_mode(False):
+        return wall_limits(_walls_of(grid, settings, device), dtype)
 
 
 @lru_cache(maxsize=16)
