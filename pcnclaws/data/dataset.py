@@ -89,7 +89,9 @@ class SegmentDataset(Dataset[SegmentBatch]):
         starts = [timeline.begin(b) for timeline, b in zip(chosen, begins, strict=True)]
         batch = batch_scenes(starts, self.dtype, "cpu")
         frames = [timeline.frames(b, length, every) for timeline, b in zip(chosen, begins, strict=True)]
-        return SegmentBatch(batch, join_positions(frames, self.dtype), length, every, g, starts[0].settings.start_time)
+        return SegmentBatch(
+            batch, join_positions(frames, self.dtype), length, every, g, start_time=starts[0].settings.start_time
+        )
 
 
 def _spread(random: np.random.Generator, count: int, wanted: int) -> np.ndarray:
