@@ -1,6 +1,7 @@
 """From options to what stands around a body: the domain, its grid, colliders and loads."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, TypeVar
 
 from pcnclaws.commands.typed_configs import Scene, ScenesSettings
@@ -36,12 +37,16 @@ def grid_spacing_from(simulation: ScenesSettings) -> float | None:
 
 
 def surroundings_from(scene: Scene) -> dict[str, Any]:
-    """The colliders and loads of `scene.*`, by name; without those that are null."""
+    """The colliders, the loads and the start time of `scene.*`, by name; without those that are null."""
     found: dict[str, Any] = {}
     if scene.colliders is not None:
-        found["colliders"] = tuple(_all_of(scene.colliders, "colliders", Collider.from_options))
+        found["colliders"] = tuple(
+            _all_of(scene.colliders, "colliders", partial(Collider.from_options, opens_files=True))
+        )
     if scene.loads is not None:
         found["loads"] = tuple(_all_of(scene.loads, "loads", Load.from_options))
+    if scene.start_time is not None:
+        found["start_time"] = scene.start_time
     return found
 
 

@@ -89,6 +89,7 @@ def _simulated(
         raise TypeError("a model of motion is not trained through a simulation")
     plan = _plan(config)
     data = TrajectoryDataModule(scenes.training, scenes.validation, plan, check_every, precision_from(config.precision))
+    data.dataset.internal_variables = model.internal_variables
     settings = data.dataset.settings
     module = regime_from(config)(model, settings, _optimiser(config), plan.iterations, skips_from(config.simulation))
     return module, data, (*data.dataset.notes, _segments_in_words(data.dataset)) if plan.iterations else ()

@@ -44,6 +44,7 @@ class Scene:
     colliders: Unchecked
     loads: Unchecked
     affine: str
+    start_time: Unchecked = None
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ from torch.utils.data import Dataset
 
 from pcnclaws.data.segments import SegmentGroup, SegmentPlan, notes_on_free_flight
 from pcnclaws.data.timeline import Timeline
+from pcnclaws.errors import UserError
+from pcnclaws.laws.internal_variables import InternalVariable
 from pcnclaws.layout import join_positions
 from pcnclaws.simulation.batch import SceneBatch, batch_scenes
 from pcnclaws.simulation.records import SceneRecord
@@ -25,6 +27,7 @@ class SegmentBatch(NamedTuple):
     steps   length of the segments
     every   steps from one frame to the next
     group   which of the data set's settings the segments have
+    start_time  of all segments, where their surroundings change with time [s], else that of the settings
     """
 
     start: SceneBatch
@@ -32,6 +35,7 @@ class SegmentBatch(NamedTuple):
     steps: int
     every: int
     group: int
+    start_time: float = 0.0
 
 
 class SegmentDataset(Dataset[SegmentBatch]):
@@ -41,16 +45,23 @@ class SegmentDataset(Dataset[SegmentBatch]):
     law, and where a batch could hold no other, its segments are longer than planned. From keyframes, where most
     segments show more, none is left out.
 
+    internal_variables  of the laws that are trained, which restart states may hold; none unless they are set
     notes   what the user should know about the choice of segments, one line each
     raises  UserError where free flight is all that any segment shows
     """
 
     def __init__(self, records: Sequence[SceneRecord], plan: SegmentPlan, dtype: torch.dtype = torch.float32) -> None:
         self.plan, self.dtype = plan, dtype
+        self.internal_variables: Sequence[InternalVariable] = ()
         timelines = [[Timeline(record, plan.start) for record in group] for group in group_by_settings(records)]
         self.settings = [group[0].record.settings for group in timelines]
         self.groups = [SegmentGroup(group, plan) for group in timelines]
         self.notes = notes_on_free_flight(self.groups) if plan.iterations else ()
+        if plan.segments is None and any(settings.changes for settings in self.settings):
+            raise UserError(
+                "training.batch_segments=null is not possible where colliders move or loads act: segments of a batch "
+                "begin at one time; accepted: a number of segments"
+            )
 
     def __len__(self) -> int:
         return self.plan.iterations
@@ -76,9 +87,14 @@ class SegmentDataset(Dataset[SegmentBatch]):
         else:
             chosen = [timelines[scene] for scene in _spread(random, len(timelines), self.plan.segments)]
             begins = _begins(random, chosen, length)
-        batch = batch_scenes([timeline.begin(b) for timeline, b in zip(chosen, begins, strict=True)], self.dtype, "cpu")
+            if self.settings[g].changes:
+                begins, chosen = _at_one_time(begins, chosen)
+        starts = [timeline.begin(b) for timeline, b in zip(chosen, begins, strict=True)]
+        batch = batch_scenes(starts, self.dtype, "cpu", self.internal_variables)
         frames = [timeline.frames(b, length, every) for timeline, b in zip(chosen, begins, strict=True)]
-        return SegmentBatch(batch, join_positions(frames, self.dtype), length, every, g)
+        return SegmentBatch(
+            batch, join_positions(frames, self.dtype), length, every, g, start_time=starts[0].settings.start_time
+        )
 
 
 def _spread(random: np.random.Generator, count: int, wanted: int) -> np.ndarray:
@@ -99,6 +115,13 @@ def _end_to_end(timeline: Timeline, length: int) -> list[int]:
         if begins[-1] == begins[-2]:
             return begins[:-1]
     return begins
+
+
+def _at_one_time(begins: Sequence[int], chosen: Sequence[Timeline]) -> tuple[list[int], list[Timeline]]:
+    """Segments that begin when the first one does, of the scenes with a restart then: what moves is in one place."""
+    begin = begins[0]
+    kept = [timeline for timeline in chosen if begin in timeline.restarts]
+    return [begin] * len(kept), kept
 
 
 def _begins(random: np.random.Generator, chosen: Sequence[Timeline], length: int) -> list[int]:

@@ -3,6 +3,7 @@
 A scene in the unit box with the walls of version 1 and nothing else around it can be written in version 1.
 """
 
+import hashlib
 from typing import Any
 
 import h5py
@@ -23,7 +24,7 @@ WALLS = 6
 
 def version_of(settings: SimulationSettings) -> int:
     """The first version of the format that can hold these settings."""
-    others = settings.friction > 0.0 or settings.colliders or settings.loads
+    others = settings.friction > 0.0 or settings.colliders or settings.loads or settings.start_time
     known = settings.domain == UNIT_BOX and settings.boundary in VERSION_1_WORDS.values()
     return 1 if known and not others else 2
 
@@ -34,14 +35,19 @@ def described_settings(settings: SimulationSettings) -> dict[str, Any]:
     same = {name: getattr(settings, name) for name in names} | {"gravity": list(settings.gravity)}
     if version_of(settings) == 1 and settings.cells is not None:
         return same | {"grid_nodes": settings.cells[0], "boundary": _version_1_word(settings)}
-    return same | {
-        "grid_spacing": settings.grid_spacing,
-        "boundary": settings.boundary,
-        "friction": settings.friction,
-        "domain": settings.domain and [list(corner) for corner in settings.domain],
-        "colliders": [collider.to_options() for collider in settings.colliders],
-        "loads": [load.to_options() for load in settings.loads],
-    }
+    later = {"start_time": settings.start_time} if settings.start_time else {}
+    return (
+        same
+        | later
+        | {
+            "grid_spacing": settings.grid_spacing,
+            "boundary": settings.boundary,
+            "friction": settings.friction,
+            "domain": settings.domain and [list(corner) for corner in settings.domain],
+            "colliders": [_without_arrays(collider.to_options()) for collider in settings.colliders],
+            "loads": [load.to_options() for load in settings.loads],
+        }
+    )
 
 
 def read_settings(group: GuardedGroup, version: int) -> SimulationSettings:
@@ -60,6 +66,8 @@ def write_settings(group: h5py.Group, settings: SimulationSettings, version: int
         return
     group.attrs["walls"] = ", ".join([settings.boundary] * WALLS)
     group.attrs["friction"] = settings.friction
+    if settings.start_time:
+        group.attrs["start_time"] = settings.start_time
     if settings.domain is not None:
         group.attrs["domain"] = np.array(settings.domain)
     for name, things in (("colliders", settings.colliders), ("loads", settings.loads)):
@@ -118,6 +126,7 @@ def _read_version_2(group: GuardedGroup) -> SimulationSettings:
         friction=group.number("friction"),
         colliders=tuple(colliders),
         loads=tuple(loads),
+        start_time=group.number("start_time") if group.has_attribute("start_time") else 0.0,
     )
 
 
@@ -126,10 +135,26 @@ def _read_all(group: GuardedGroup, name: str) -> list[dict[str, Any]]:
     if name not in group:
         return []
     members = group.group(name)
-    return [members.group(number).options() for number in sorted(members.names(), key=lambda text: (len(text), text))]
+    one_by_one = sorted(members.names(), key=lambda text: (len(text), text))
+    return [_options_of(members.group(number)) for number in one_by_one]
+
+
+def _options_of(group: GuardedGroup) -> dict[str, Any]:
+    """Numbers, words and arrays by name."""
+    return group.options() | {name: group.array(name, (None, None, None)) for name in group.names()}
+
+
+def _without_arrays(options: dict[str, Any]) -> dict[str, Any]:
+    """The options with the digests of arrays in their places."""
+    return {
+        name: hashlib.blake2b(value.tobytes(), digest_size=16).hexdigest() if isinstance(value, np.ndarray) else value
+        for name, value in options.items()
+    }
 
 
 def _write_options(group: h5py.Group, options: dict[str, Any]) -> None:
     for name, value in options.items():
-        if value is not None:
+        if isinstance(value, np.ndarray):
+            group.create_dataset(name, data=value, compression="gzip", shuffle=True, fletcher32=True)
+        elif value is not None:
             group.attrs[name] = value

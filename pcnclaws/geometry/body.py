@@ -12,12 +12,11 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from pcnclaws.errors import UserError
-from pcnclaws.geometry.meshes import ClosedSurface, closed_surface, read_surface
+from pcnclaws.geometry.mesh_sources import Array, finite_array, surface_of
 from pcnclaws.geometry.shapes import MAXIMUM_PARTICLES_PER_EDGE, PointCloud, particles, surface_particles
 from pcnclaws.geometry.velocity_gradients import gradient_weights, velocity_gradients
 
 Point: TypeAlias = Sequence[float | int]
-Array: TypeAlias = Tensor | np.ndarray | Sequence[Any]
 MIDDLE = (0.5, 0.5, 0.5)
 
 
@@ -88,7 +87,7 @@ class Body:
         centre              of the bounding box [m]
         raises              UserError, one line, for whatever is wrong with the mesh
         """
-        surface = _surface(source)
+        surface = surface_of(source)
         name = Path(source).stem if isinstance(source, str | Path) else "mesh"
         side = surface.unit if side is None else side
         middle: Point = surface.middle.tolist() if centre is None else centre
@@ -105,7 +104,7 @@ class Body:
         density   [kg/m^3], (particles,), or one for all; None: that of the settings
         raises    UserError
         """
-        where = _array("position", position, (None, 3))
+        where = finite_array("position", position, (None, 3))
         count = len(where)
         each = {"volume": volume} if density is None else {"volume": volume, "density": density}
         arrays = {name: _positive(name, values, count) for name, values in each.items()}
@@ -164,21 +163,6 @@ def _cross(spin: Tensor, vector: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tens
     return b * z - c * y, c * x - a * z, a * y - b * x
 
 
-def _surface(source: str | Path | tuple[Array, Array]) -> ClosedSurface:
-    if isinstance(source, str | Path):
-        return read_surface(source)
-    if not isinstance(source, tuple | list) or len(source) != 2:
-        raise UserError(f"the mesh is a {type(source).__name__}; accepted: the path of a file, or (vertices, faces)")
-    vertices = _array("vertices", source[0], (None, 3))
-    faces = np.asarray(source[1].detach().cpu() if isinstance(source[1], Tensor) else source[1])
-    if faces.dtype.kind not in "iu" or faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
-        raise UserError(f"faces have the shape {faces.shape} of {faces.dtype}; accepted: whole numbers (F, 3)")
-    faces = faces.astype(np.int64)
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise UserError(f"faces name the vertices {faces.min()} to {faces.max()}; accepted: 0 to {len(vertices) - 1}")
-    return closed_surface(vertices, faces, "(vertices, faces)")
-
-
 def _require_numbers(centre: Any, side: Any, particles_per_edge: Any) -> None:
     """Refuses what is no number; its range is looked at elsewhere."""
     if not _is_number(side):
@@ -208,29 +192,8 @@ def _per_edge(spacing: float | int | None, particles_per_edge: int | None, side:
     return max(cells + (lattice == "faces"), 2)
 
 
-def _array(name: str, values: Array | float, shape: tuple[int | None, ...]) -> np.ndarray:
-    """Finite numbers of a shape in double precision; None stands for any length from 1."""
-    if isinstance(values, Tensor):
-        if values.requires_grad:
-            raise UserError(f"{name} requires gradients, which a body does not carry; accepted: {name}.detach()")
-        values = values.cpu().numpy()
-    try:
-        array = np.array(values)
-    except ValueError:
-        array = np.array(())
-    wanted = "(N, 3)" if shape == (None, 3) else str(shape)
-    right = array.ndim == len(shape) and all(
-        a == b or (b is None and a > 0) for a, b in zip(array.shape, shape, strict=True)
-    )
-    if array.dtype.kind not in "fiu" or not right:
-        raise UserError(f"{name} has the shape {array.shape} of {array.dtype}; accepted: numbers {wanted}")
-    if not np.isfinite(array).all():
-        raise UserError(f"{name} holds numbers that are not finite")
-    return array.astype(np.float64)
-
-
 def _positive(name: str, values: Array | float, count: int) -> np.ndarray:
-    array = _array(name, values, () if np.ndim(values) == 0 else (count,))  # pyright: ignore[reportArgumentType]
+    array = finite_array(name, values, () if np.ndim(values) == 0 else (count,))  # pyright: ignore[reportArgumentType]
     if array.min() <= 0.0:
         raise UserError(f"{name} is not positive everywhere")
     return np.full(count, array) if array.ndim == 0 else array

@@ -33,7 +33,7 @@ class ClosedSurface(NamedTuple):
     volume    what it encloses [-], 0 where it is flat
     middle    of the bounding box in the file, in its unit of length, (3,)
     unit      longest edge of the bounding box in the file
-    name      what messages call it: the file
+    name      what messages call it: the option and the file
     """
 
     vertices: Float[np.ndarray, "vertices 3"]
@@ -53,76 +53,88 @@ def filled_surface(
     lattice  one of LATTICES
     raises   UserError where the surface overlaps with itself, and where no point lies inside
     """
-    name = surface.name
     x, y, z = (lattice_points(float(extent), per_edge, lattice) for extent in np.ptp(surface.vertices, axis=0))
     inwards = 1.0 - ROUNDING
     winding = lattice_winding(surface.vertices, surface.faces, inwards * x, inwards * y, inwards * z)
-    wrong = np.argwhere(~np.isin(winding, (0, 1)))
-    if len(wrong):
-        i, j, k = wrong[0]
-        place = ", ".join(f"{c:.4g}" for c in surface.middle + surface.unit * np.array((x[i], y[j], z[k])))
-        raise UserError(
-            f"scene.mesh={name} overlaps with itself, or faces the wrong way around a cavity, at {len(wrong)} of "
-            f"{winding.size} lattice points, the first at ({place}) in the file; accepted: parts that do not overlap "
-            "(trimesh.boolean.union makes one of them), their faces counterclockwise seen from outside of the material"
-        )
+    require_parts_apart(winding, surface, x, y, z)
     i, j, k = np.nonzero(winding)
     if len(i) == 0:
         raise UserError(
-            f"scene.particles_per_edge={per_edge} is too coarse for scene.mesh={name}: no particle lies inside; "
+            f"scene.particles_per_edge={per_edge} is too coarse for {surface.name}: no particle lies inside; "
             "accepted: more of them, or a thicker body"
         )
     return np.stack((x[i], y[j], z[k]), axis=1), surface.volume
 
 
-def read_surface(path: str | Path) -> ClosedSurface:
+def require_parts_apart(
+    winding: Int[np.ndarray, "x y z"],
+    surface: ClosedSurface,
+    x: Float[np.ndarray, " x"],
+    y: Float[np.ndarray, " y"],
+    z: Float[np.ndarray, " z"],
+) -> None:
+    """Refuses a surface that goes more than once around a point, or the wrong way, with a UserError.
+
+    winding  numbers of the points of a lattice of these coordinates [-]
+    """
+    wrong = np.argwhere(~np.isin(winding, (0, 1)))
+    if len(wrong):
+        i, j, k = wrong[0]
+        place = ", ".join(f"{c:.4g}" for c in surface.middle + surface.unit * np.array((x[i], y[j], z[k])))
+        raise UserError(
+            f"{surface.name} overlaps with itself, or faces the wrong way around a cavity, at {len(wrong)} of "
+            f"{winding.size} lattice points, the first at ({place}) in the file; accepted: parts that do not overlap "
+            "(trimesh.boolean.union makes one of them), their faces counterclockwise seen from outside of the material"
+        )
+
+
+def read_surface(path: str | Path, option: str = "scene.mesh") -> ClosedSurface:
     """The closed surface of a mesh file.
 
+    option  what messages call it
     raises  UserError, one line, for whatever is wrong with the file
     """
-    return closed_surface(*_triangles(_trimesh(path), path), path)
+    named = f"{option}={path}"
+    return closed_surface(*_triangles(_trimesh(named), path, named), path, option)
 
 
 def closed_surface(
-    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], path: str | Path
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], path: str | Path, option: str = "scene.mesh"
 ) -> ClosedSurface:
-    """The closed surface of triangles, each of three different vertices; `path` names it in messages.
+    """The closed surface of triangles, each of three different vertices; option and path name it in messages.
 
     raises  UserError, one line, for whatever is wrong with it
     """
-    trimesh = _trimesh(path)
+    named = f"{option}={path}"
+    trimesh = _trimesh(named)
     corners = vertices[faces].reshape(-1, 3)
     low, high = corners.min(0), corners.max(0)
     if not np.isfinite(high - low).all() or not (high > low).any():
-        raise UserError(f"scene.mesh={path} has coordinates that are not finite, or all the same; {ACCEPTED}")
+        raise UserError(f"{named} has coordinates that are not finite, or all the same; {ACCEPTED}")
     middle, unit = 0.5 * (low + high), float((high - low).max())
     # Files repeat a vertex for every face or patch of texture: trimesh makes one of what is within 1e-8.
     mesh = trimesh.Trimesh((vertices - middle) / unit, faces)
     mesh.update_faces(_has_three_corners(mesh.faces))
-    faces = _without_repetitions(np.array(mesh.faces), path)
+    faces = _without_repetitions(np.array(mesh.faces), named)
     if fault := surface_fault(middle + unit * np.array(mesh.vertices), faces, path):
-        raise UserError(f"scene.mesh={path} {fault}; {ACCEPTED}")
+        raise UserError(f"{named} {fault}; {ACCEPTED}")
     # mesh.volume divides by zero where the mesh is flat
     volume = float(np.linalg.det(np.array(mesh.vertices)[faces]).sum()) / 6.0
     outwards = faces if volume >= 0.0 else faces[:, ::-1]
-    return ClosedSurface(np.array(mesh.vertices), outwards, abs(volume), middle, unit=unit, name=str(path))
+    return ClosedSurface(np.array(mesh.vertices), outwards, abs(volume), middle, unit=unit, name=named)
 
 
-def _without_repetitions(faces: Int[np.ndarray, "faces 3"], path: str | Path) -> Int[np.ndarray, "found 3"]:
+def _without_repetitions(faces: Int[np.ndarray, "faces 3"], named: str) -> Int[np.ndarray, "found 3"]:
     """The faces, each once, and without the walls between parts that touch where this closes the surface."""
     single = single_faces(faces)
     if len(single) < len(faces):
-        log.warning(
-            "scene.mesh=%s: %d faces are there more than once: each is taken once", path, len(faces) - len(single)
-        )
+        log.warning("%s: %d faces are there more than once: each is taken once", named, len(faces) - len(single))
     if is_closed(single):
         return single
     joined = without_walls(single)
     if not len(joined) or not is_closed(joined):
         return single
-    log.warning(
-        "scene.mesh=%s: %d faces lie between parts that touch: these are taken as one", path, len(single) - len(joined)
-    )
+    log.warning("%s: %d faces lie between parts that touch: these are taken as one", named, len(single) - len(joined))
     return joined
 
 
@@ -130,28 +142,30 @@ def _has_three_corners(faces: Int[np.ndarray, "faces 3"]) -> Bool[np.ndarray, " 
     return (faces != np.roll(faces, 1, axis=1)).all(1)
 
 
-def _trimesh(path: str | Path) -> ModuleType:
+def _trimesh(named: str) -> ModuleType:
     try:
         import trimesh
     except ImportError as error:
         raise UserError(
-            f"scene.mesh={path} needs trimesh, which is not installed; "
+            f"{named} needs trimesh, which is not installed; "
             "accepted: pip install pcnclaws[mesh], or scene.particles=FILE"
         ) from error
     return trimesh
 
 
-def _triangles(trimesh: ModuleType, path: str | Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+def _triangles(
+    trimesh: ModuleType, path: str | Path, named: str
+) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
     """The file's triangles, without those that use a vertex twice."""
     if not Path(path).is_file():
-        raise UserError(f"scene.mesh={path}: no such file; {ACCEPTED}")
+        raise UserError(f"{named}: no such file; {ACCEPTED}")
     try:
         mesh = trimesh.load_mesh(str(path), process=False)
         vertices, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
     except Exception as error:  # trimesh's many readers raise whatever a damaged file makes them meet
         reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise UserError(f"scene.mesh={path} cannot be read by trimesh ({reason}); {ACCEPTED}") from error
+        raise UserError(f"{named} cannot be read by trimesh ({reason}); {ACCEPTED}") from error
     faces = faces[_has_three_corners(faces)]
     if len(faces) == 0:
-        raise UserError(f"scene.mesh={path} holds no triangle; {ACCEPTED}")
+        raise UserError(f"{named} holds no triangle; {ACCEPTED}")
     return vertices, faces

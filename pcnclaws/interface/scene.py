@@ -39,7 +39,7 @@ from pcnclaws.simulation.time_step import stability_of
 log = logging.getLogger(__name__)
 
 NOTHING = (0.0, 0.0, 0.0)
-OPTIONS = ("body", "law", "velocity", "spin", "settings", "colliders", "loads", "name")
+OPTIONS = ("body", "law", "velocity", "spin", "settings", "colliders", "loads", "start_time", "name")
 
 
 class Scene:
@@ -52,6 +52,7 @@ class Scene:
     settings    see Settings; None: the paper's
     colliders   obstacles, which act in this order, after the walls; see Collider
     loads       forces and accelerations on parts of the body; see Load
+    start_time  from which colliders move and loads act [s]: of a scene that goes on from a later frame
     name        of the scene in messages and files, the body's unless given
     parameters  physical parameters by name: a number, a tensor of one value, or one value a particle; those that are
                 missing are in the middle of the law's ranges
@@ -71,6 +72,7 @@ class Scene:
         settings: Settings | None = None,
         colliders: Sequence[Collider] = (),
         loads: Sequence[Load] = (),
+        start_time: float | int = 0.0,
         name: str | None = None,
         **parameters: Value,
     ) -> None:
@@ -86,7 +88,7 @@ class Scene:
         self.name = body.name if name is None else name
         self.colliders, self.loads = all_of("colliders", colliders, Collider), all_of("loads", loads, Load)
         self._given = {"velocity": velocity, "spin": spin, "settings": self.settings, "name": name, **parameters}
-        self._given |= {"colliders": self.colliders, "loads": self.loads}
+        self._given |= {"colliders": self.colliders, "loads": self.loads, "start_time": start_time}
         middle = {one: 0.5 * (low + high) for one, (low, high) in law.ranges.items()}
         self._values = middle | checked_values(parameters, law.physical_parameters, (len(body),), OPTIONS)
         self._velocity, self._affine = body.start_motion(
@@ -223,7 +225,8 @@ class Scene:
         return [*self._given.values(), *(weight for weight in self.law.parameters() if weight.requires_grad)]
 
     def _checked_start(self) -> SceneStart:
-        settings = replace(self.settings.simulation, colliders=self.colliders, loads=self.loads)
+        start_time = self._given["start_time"]
+        settings = replace(self.settings.simulation, colliders=self.colliders, loads=self.loads, start_time=start_time)
         density, what = self.body.cloud.density, f"body '{self.body.name}'"
         if density is not None and settings.density != SimulationSettings.density:
             raise UserError(

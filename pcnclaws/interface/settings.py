@@ -11,7 +11,7 @@ from pcnclaws.mpm.settings import UNIT_BOX, Domain, SimulationSettings
 Vector: TypeAlias = Sequence[float | int]
 PAPER = SimulationSettings()
 # What stands around a body is part of a scene here.
-OF_SCENES = ("colliders", "loads")
+OF_SCENES = ("colliders", "loads", "start_time")
 
 
 class Settings:

@@ -1,5 +1,6 @@
 """Boundaries: operators on grid velocities, the walls of the domain and the colliders in the order of their list."""
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -8,7 +9,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pcnclaws.mpm.colliders import Collider, NodesInside
-from pcnclaws.mpm.contact import VERSION_1_STICK, velocity_after_contact
+from pcnclaws.mpm.contact import velocity_after_contact
 from pcnclaws.mpm.grid import Grid
 from pcnclaws.mpm.settings import DISTANCE_TOLERANCE, SimulationSettings
 
@@ -36,16 +37,28 @@ def axis_walls(grid: Grid, settings: SimulationSettings) -> bytes:
     return bytes(torch.cat([low + 2 * high for low, high in sides]).tolist())
 
 
-def apply_walls(velocity: NodeVelocities, walls: Bool[Tensor, "2 3 nodes"], contact: str) -> NodeVelocities:
-    """Grid velocity after contact with walls without friction [m/s]; contacts as in mpm/contact.py."""
+def wall_limits(walls: Bool[Tensor, "2 3 nodes"], dtype: torch.dtype) -> Float[Tensor, "2 3 nodes"]:
+    """Least and largest velocity of nodes that walls let go [m/s]: 0 into a wall, infinite where there is none."""
+    unlimited = torch.tensor((-math.inf, math.inf), dtype=dtype, device=walls.device)[:, None, None]
+    return torch.where(walls, 0.0, unlimited)
+
+
+def apply_walls(
+    velocity: NodeVelocities, walls: Bool[Tensor, "2 3 nodes"], contact: str, limits: Tensor | None = None
+) -> NodeVelocities:
+    """Grid velocity after contact with walls without friction [m/s]; contacts as in mpm/contact.py.
+
+    limits  wall_limits, where they are known
+    """
     low, high = walls[:, :, None]
+    if contact == "separate":
+        least, most = (wall_limits(walls, velocity.dtype) if limits is None else limits)[:, :, None]
+        return torch.clamp(velocity, least, most)
     if contact in ("slip", "sticky"):
         held = low | high
         return torch.where(held.any(0, keepdim=True) if contact == "sticky" else held, 0.0, velocity)
     into_wall = (low & (velocity < 0.0)) | (high & (velocity > 0.0))
-    if contact == VERSION_1_STICK:
-        into_wall = into_wall.any(0, keepdim=True)
-    return torch.where(into_wall, 0.0, velocity)
+    return torch.where(into_wall.any(0, keepdim=True), 0.0, velocity)  # stick of version 1
 
 
 def apply_friction_walls(velocity: NodeVelocities, walls: Bool[Tensor, "2 3 nodes"], friction: float) -> NodeVelocities:

@@ -4,17 +4,23 @@ A shape is a dataclass of its numbers. It says how far points are from it where 
 and about which point it turns. SHAPES names it for options and files; a method of Collider makes it in Python.
 """
 
+import hashlib
+import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
+from functools import lru_cache
+from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypedDict, Unpack
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.mpm.contact import CONTACTS, require_friction
+from pcnclaws.mpm.interpolation import trilinear
 from pcnclaws.mpm.numbers import (
     Number,
     Numbers,
@@ -178,6 +184,60 @@ class Cylinder(_AboutAxis):
 
 
 @dataclass(frozen=True, eq=False)
+class Sampled(Shape):
+    """What a surface encloses: signed distances [m] of the nodes of a grid, (x, y, z), linear between them.
+
+    low      the first node [m]
+    spacing  of the nodes [m]
+
+    Outside of the grid the distance is a lower bound: the root of the squares of the distance to the grid and of that
+    of the surface from there.
+    """
+
+    distances: np.ndarray
+    low: Numbers
+    spacing: Number
+    word = "sampled"
+    lengths = ("spacing",)
+
+    def __post_init__(self) -> None:
+        distances = np.array(self.distances, dtype=np.float32)
+        if distances.ndim != 3 or min(distances.shape) < 2 or not np.isfinite(distances).all():
+            raise UserError(f"collider sampled: distances {distances.shape} are not finite numbers (x, y, z), from 2")
+        object.__setattr__(self, "low", tuple(scalars(as_vector("collider sampled", "low", self.low))))
+        object.__setattr__(self, "spacing", plain(as_number("collider sampled", "spacing", self.spacing)))
+        object.__setattr__(self, "distances", distances)
+        if not plain(self.spacing) > 0.0:
+            raise UserError(f"collider sampled: spacing={self.spacing} is out of range; accepted: above 0 m")
+
+    def pivot(self, like: Tensor) -> Tensor:
+        edges = like.new_tensor(self.distances.shape) - 1.0
+        return as_tensor(self.low, like) + 0.5 * self.spacing * edges
+
+    def distance(self, points: Points) -> tuple[Distances, Points]:
+        place = (points - as_tensor(self.low, points)[:, None]) / self.spacing
+        most = place.new_tensor(self.distances.shape)[:, None] - 1.0
+        within = torch.minimum(place.clamp_min(0.0), most)
+        value, slope = trilinear(_samples(self, points.device), within)
+        beyond = self.spacing * (place - within)
+        squared = beyond.square().sum(0)
+        out = squared > 0.0
+        from_out = value * torch.where(beyond == 0.0, slope / self.spacing, 0.0) + beyond
+        distance = torch.where(out, (torch.where(out, squared, 1.0) + value.square()).sqrt(), value)
+        return distance, _unit(torch.where(out, from_out, slope))
+
+    def key(self) -> tuple[object, ...]:
+        digest = hashlib.blake2b(self.distances.tobytes()).hexdigest()
+        return (type(self), digest, self.distances.shape, self.low, self.spacing)
+
+
+@lru_cache(maxsize=16)
+def _samples(shape: Sampled, device: torch.device) -> Float[Tensor, "x y z"]:
+    with torch.inference_mode(False):
+        return torch.from_numpy(shape.distances).to(device)
+
+
+@dataclass(frozen=True, eq=False)
 class SignedDistance(Shape):
     """A function of positions [m], (points, 3), and the time [s], that gives signed distances [m], (points,).
 
@@ -207,12 +267,50 @@ class SignedDistance(Shape):
             (slope,) = torch.autograd.grad(distance.sum(), places, create_graph=True)
         if not torch.is_grad_enabled():
             distance, slope = distance.detach(), slope.detach()
-        steepness = slope.square().sum(1, keepdim=True)
-        flat = steepness == 0.0
-        return distance, torch.where(flat, 0.0, slope / torch.where(flat, 1.0, steepness).sqrt()).T
+        return distance, _unit(slope.T)
 
 
-SHAPES: Mapping[str, type[Shape]] = {shape.word: shape for shape in (Plane, Sphere, Box, Capsule, Cylinder)}
+SHAPES: Mapping[str, type[Shape]] = {shape.word: shape for shape in (Plane, Sphere, Box, Capsule, Cylinder, Sampled)}
+# Cells of the grid along the longest edge of a mesh.
+MESH_CELLS, FEWEST_MESH_CELLS, MOST_MESH_CELLS = 64, 4, 256
+
+
+def of_mesh(
+    path: str | Path | tuple[Any, Any],
+    spacing: Real | None = None,
+    side: Real | None = None,
+    centre: Sequence[Real] | None = None,
+) -> Sampled:
+    """The inside of a watertight surface mesh.
+
+    path     of a file that trimesh reads, or vertices (V, 3) and triangles (F, 3)
+    spacing  of the nodes [m], at most; None: a 64th of the longest edge of the bounding box
+    side     that edge [m], to which the mesh is scaled; None: as in the file, in metres
+    centre   of the bounding box [m]; None: where it is
+    raises   UserError, one line, for whatever is wrong with the mesh
+    """
+    # trimesh and a search tree, which other shapes do without
+    from pcnclaws.geometry.mesh_distance import sampled_surface
+    from pcnclaws.geometry.mesh_sources import surface_of
+
+    what = "collider mesh"
+    surface = surface_of(path, f"{what}: path")
+    side = surface.unit if side is None else float(plain(as_number(what, "side", side)))
+    if not side > 0.0:
+        raise UserError(f"{what}: side={side} is out of range; accepted: above 0 m")
+    middle = surface.middle if centre is None else np.array(scalars(as_vector(what, "centre", centre)))
+    spacing = side / MESH_CELLS if spacing is None else float(plain(as_number(what, "spacing", spacing)))
+    if not side / MOST_MESH_CELLS <= spacing * (1.0 + 1e-9) or not spacing <= side / FEWEST_MESH_CELLS * (1.0 + 1e-9):
+        raise UserError(
+            f"{what}: spacing={spacing} is out of range; accepted: {side / MOST_MESH_CELLS:.3g} to "
+            f"{side / FEWEST_MESH_CELLS:.3g} m, for its longest edge of {side:.3g} m"
+        )
+    found = sampled_surface(surface, math.ceil(side / spacing * (1.0 - 1e-9)))
+    return Sampled(side * found.distances, tuple((middle + side * found.low).tolist()), side * found.spacing)
+
+
+# What options may say beside: it opens the file that they name.
+OPENING: Mapping[str, Callable[..., Shape]] = {"mesh": of_mesh}
 
 
 class Motion(TypedDict, total=False):
@@ -291,6 +389,27 @@ class Collider:
         return cls._of(Cylinder(from_point, to_point, radius), motion)
 
     @classmethod
+    def mesh(
+        cls,
+        source: str | Path | tuple[Any, Any],
+        *,
+        spacing: Real | None = None,
+        side: Real | None = None,
+        centre: Sequence[Real] | None = None,
+        **motion: Unpack[Motion],
+    ) -> "Collider":
+        """The inside of a watertight surface mesh, in metres and where it is unless `side` and `centre` say otherwise.
+
+        Its signed distance is sampled once, on a grid of nodes. It turns about the centre of its bounding box.
+        source   a file that trimesh reads, or vertices (V, 3) and triangles (F, 3)
+        spacing  of the nodes [m], at most; None: a 64th of the longest edge of the bounding box
+        side     longest edge of the bounding box [m], to which the mesh is scaled
+        centre   of the bounding box [m]
+        raises   UserError, one line, for whatever is wrong with the mesh
+        """
+        return cls._of(of_mesh(source, spacing, side, centre), motion)
+
+    @classmethod
     def signed_distance(cls, function: Callable[[Tensor, float], Tensor], **motion: Unpack[Motion]) -> "Collider":
         """A function of positions [m], (points, 3), and time [s], that gives signed distances [m], (points,).
 
@@ -299,27 +418,29 @@ class Collider:
         return cls._of(SignedDistance(function), motion)
 
     @classmethod
-    def from_options(cls, options: Mapping[str, Any], where: str = "collider") -> "Collider":
+    def from_options(cls, options: Mapping[str, Any], where: str = "collider", opens_files: bool = False) -> "Collider":
         """A collider of `shape`, a word of SHAPES, and the fields of the shape and of Collider.
 
-        raises  UserError for what is unknown, missing or wrong
+        opens_files  accept the words of OPENING, too: shapes that are read from a file that the options name
+        raises       UserError for what is unknown, missing or wrong
         """
         word = str(options.get("shape"))
-        if word not in SHAPES:
-            raise unknown_name(f"{where}.shape", word, SHAPES)
+        makers = {**SHAPES, **(OPENING if opens_files else {})}
+        if word not in makers:
+            raise unknown_name(f"{where}.shape", word, makers)
         given = {name: value for name, value in options.items() if name != "shape"}
-        own = {one.name for one in fields(SHAPES[word])}
-        _check_names(where, given, own)
-        if missing := sorted(own - set(given)):
+        own = inspect.signature(makers[word]).parameters
+        _check_names(where, given, set(own))
+        if missing := sorted(name for name, one in own.items() if one.default is one.empty and name not in given):
             raise UserError(f"{where}: shape={word} needs {', '.join(missing)}")
         try:
-            shape = SHAPES[word](**{name: value for name, value in given.items() if name in own})
+            shape = makers[word](**{name: value for name, value in given.items() if name in own})
             return cls(shape, **{name: value for name, value in given.items() if name not in own})
         except UserError as error:
             raise UserError(f"{where}: {error}") from error
 
     def to_options(self) -> dict[str, Any]:
-        """What from_options makes it again of: plain numbers and words, what has its default left out.
+        """What from_options makes it again of: plain numbers, words and arrays, what has its default left out.
 
         raises  UserError for a function, which no file can hold
         """
@@ -405,6 +526,13 @@ def _check_names(where: str, given: Mapping[str, Any], own: set[str]) -> None:
     for name in given:
         if name not in known:
             raise unknown_name(where, name, known)
+
+
+def _unit(vectors: Points) -> Points:
+    """Vectors of length 1, 0 for those that are 0."""
+    squared = vectors.square().sum(0)
+    long = squared > 0.0
+    return torch.where(long, vectors / torch.where(long, squared, 1.0).sqrt(), 0.0)
 
 
 def _round(from_axis: Points, radius: Tensor) -> tuple[Distances, Points]:

@@ -62,18 +62,27 @@ class Grid:
         along, (_, y, z) = torch.arange(3), self.edges
         return ((along[:, None, None] * y + along[None, :, None]) * z + along[None, None, :]).flatten()
 
+    def _extremes(self, position: Vectors) -> list[list[float]]:
+        """First and last middle nodes of all particles that are somewhere, along each axis."""
+        # rounding is monotone: the nodes of the extremes are the extremes of the nodes
+        corners = torch.stack((position.amin(1), position.amax(1)), dim=1)
+        # a list: under torch.func a tensor does not give away its memory
+        ends = middle_nodes(corners, self).T.tolist()
+        if _known(ends):
+            return ends
+        middle = middle_nodes(position, self)
+        known = middle.isfinite() & (middle.abs() < FAR)
+        first = torch.where(known, middle, float(FAR)).amin(1)
+        last = torch.where(known, middle, -float(FAR)).amax(1)
+        return torch.stack((first, last)).tolist()
+
     def window(self, position: Vectors) -> "Grid":
         """The part of the grid that particles touch.
 
         position  [m], (3, particles); those that are nowhere count for none
         raises    SimulationDiverged where they are so far apart that it could not be stored
         """
-        middle = middle_nodes(position.detach(), self)
-        known = middle.isfinite() & (middle.abs() < FAR)
-        first = torch.where(known, middle, float(FAR)).amin(1)
-        last = torch.where(known, middle, -float(FAR)).amax(1)
-        # a list first: under torch.func a tensor does not give away its memory
-        ends = list(zip(*torch.stack((first, last)).tolist(), self.low, self.high, strict=True))
+        ends = list(zip(*self._extremes(position.detach()), self.low, self.high, strict=True))
         x, y, z = (_within(int(first), low + 1, high - 1) for first, _, low, high in ends)
         lasts = (_within(int(last), low + 1, high - 1) for _, last, low, high in ends)
         u, v, w = (max(last, first) for first, last in zip((x, y, z), lasts, strict=True))
@@ -84,6 +93,10 @@ class Grid:
                 "they flew apart, or the domain needs a larger simulation.grid_spacing"
             )
         return window
+
+
+def _known(ends: list[list[float]]) -> bool:
+    return all(abs(end) < FAR for axis in ends for end in axis)  # false for what is not a number
 
 
 def middle_nodes(position: Vectors, grid: Grid) -> Vectors:

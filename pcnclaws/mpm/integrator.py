@@ -13,7 +13,14 @@ from pcnclaws.compiled.split_step import from_grid, to_grid
 from pcnclaws.compiled.step import StepSettings
 from pcnclaws.compiled.step import step as compiled_step
 from pcnclaws.linalg3 import matmul
-from pcnclaws.mpm.boundaries import apply_colliders, apply_friction_walls, apply_walls, axis_walls, wall_nodes
+from pcnclaws.mpm.boundaries import (
+    apply_colliders,
+    apply_friction_walls,
+    apply_walls,
+    axis_walls,
+    wall_limits,
+    wall_nodes,
+)
 from pcnclaws.mpm.grid import MOST_WHOLE, Grid, grid_of
 from pcnclaws.mpm.loads import load_acceleration
 from pcnclaws.mpm.settings import SimulationSettings
@@ -38,7 +45,7 @@ class MPMIntegrator(nn.Module):
     def __init__(self, settings: SimulationSettings, window: bool = True) -> None:
         """window: let the compiled step compute only the part of the grid that particles touch."""
         super().__init__()
-        self.settings, self._window = settings, window
+        self.settings, self.window = settings, window
         self.grid = grid_of(settings)
         # what the walls do without friction, kernels do
         self._on_grid = bool(settings.colliders) or settings.friction > 0.0
@@ -71,7 +78,7 @@ class MPMIntegrator(nn.Module):
         grid = self._grid(state)
         if served:
             kernel = self.kernel_settings(grid)
-            nodes = to_grid(kernel, bodies, (*state[:4], stress)).T
+            nodes = to_grid(kernel, bodies, (*state[:4], stress)).T.contiguous()
             velocity = self._moved(nodes, grid, scenes, step, take_impulses)
             moved = from_grid(kernel, bodies, velocity, state.position, state.deformation)
             return ParticleState(*moved, internal=state.internal)
@@ -112,7 +119,7 @@ class MPMIntegrator(nn.Module):
             grid.per_metre,
             (*grid.low, *grid.high),
             WALL_CONTACTS.index(self.settings.boundary),
-            self._window,
+            self.window,
             b"".join(walls),
         )
 
@@ -135,7 +142,7 @@ class MPMIntegrator(nn.Module):
         """The state with the velocity that loads add in the step."""
         if not self.settings.loads:
             return state
-        acceleration = load_acceleration(self.settings.loads, scenes.load_shares, step * self.settings.time_step)
+        acceleration = load_acceleration(self.settings.loads, scenes.load_shares, self.settings.time_at(step))
         if acceleration is None:
             return state
         return state._replace(velocity=state.velocity + self.settings.time_step * acceleration)
@@ -152,9 +159,10 @@ class MPMIntegrator(nn.Module):
             if settings.friction > 0.0:
                 velocity = apply_friction_walls(velocity, walls, settings.friction)
             else:
-                velocity = apply_walls(velocity, walls, settings.boundary)
+                limits = _limits_of(grid, self._plain, nodes.device, nodes.dtype)
+                velocity = apply_walls(velocity, walls, settings.boundary, limits)
         if settings.colliders:
-            mass, time = nodes[3].unflatten(0, (scenes.scene_count, grid.size)), step * settings.time_step
+            mass, time = nodes[3].unflatten(0, (scenes.scene_count, grid.size)), settings.time_at(step)
             velocity, impulses = apply_colliders(velocity, mass, grid, settings.colliders, time)
             if take_impulses is not None:
                 take_impulses(impulses)
@@ -175,6 +183,12 @@ class MPMIntegrator(nn.Module):
 @lru_cache(maxsize=16)
 def _offsets(grid: Grid, device: torch.device) -> Tensor:
     return grid.stencil_offsets().to(device)
+
+
+@lru_cache(maxsize=16)
+def _limits_of(grid: Grid, settings: SimulationSettings, device: torch.device, dtype: torch.dtype) -> Tensor:
+    with torch.inference_mode(False):
+        return wall_limits(_walls_of(grid, settings, device), dtype)
 
 
 @lru_cache(maxsize=16)

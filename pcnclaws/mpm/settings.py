@@ -18,6 +18,8 @@ UNIT_BOX: Domain = ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
 FEWEST_CELLS, MOST_CELLS = 4, 10**6  # along an edge of the domain
 # 3 * 0.05 <= 0.15 is False in floating point: distances are compared with this tolerance in units of dx.
 DISTANCE_TOLERANCE = 1e-6
+# A start so near to a whole number of steps is one.
+WHOLE_STEP = 1e-5
 # Accepted rounding of a number of cells.
 CELL_TOLERANCE = 1e-3
 
@@ -36,6 +38,7 @@ class SimulationSettings:
     friction       Coulomb's coefficient of friction of the walls [-]
     colliders      obstacles, which act on the grid in this order, after the walls
     loads          forces and accelerations on parts of the bodies
+    start_time     time of the first step [s] by which colliders move and loads act
     """
 
     time_step: float = 5e-4
@@ -48,6 +51,7 @@ class SimulationSettings:
     friction: float = 0.0
     colliders: tuple[Collider, ...] = ()
     loads: tuple[Load, ...] = ()
+    start_time: float = 0.0
 
     def __post_init__(self) -> None:
         _require_positive("simulation.time_step", self.time_step)
@@ -58,6 +62,9 @@ class SimulationSettings:
         if self.boundary not in (*CONTACTS, VERSION_1_STICK):
             raise unknown_name("simulation.boundary", self.boundary, CONTACTS)
         require_friction("simulation.friction", self.friction, "simulation.boundary", self.boundary)
+        start = self.start_time
+        if isinstance(start, bool) or not isinstance(start, (int, float)) or not math.isfinite(start):
+            raise UserError(f"scene.start_time={start} is not accepted; accepted: a finite number [s]")
         if self.domain is not None:
             self._check_domain(self.domain)
 
@@ -107,6 +114,17 @@ class SimulationSettings:
     def changes(self) -> bool:
         """Whether what stands around the bodies changes with time: colliders that move, loads."""
         return bool(self.loads) or any(collider.moves for collider in self.colliders)
+
+    def time_at(self, step: int) -> float:
+        """Time at which colliders and loads are in a step [s], counted from the start.
+
+        A start after a whole number of steps is counted in steps: the times are those of a run from the beginning, to
+        the last bit.
+        """
+        first = self.start_time / self.time_step
+        if abs(first - round(first)) < WHOLE_STEP:
+            return (round(first) + step) * self.time_step
+        return self.start_time + step * self.time_step
 
     def within(self, distance: float) -> Domain:
         """Lower and upper corner of what is at least so far from the sides of the domain [m]; infinite without."""

@@ -15,6 +15,7 @@ from pcnclaws.atomic import replaced_file
 from pcnclaws.metrics import mse_sum, position_mse, rms_percent
 from pcnclaws.rendering.camera import Camera
 from pcnclaws.rendering.labels import material_colour, material_label
+from pcnclaws.rendering.obstacles import Scenery, highest_obstacle
 from pcnclaws.rendering.spheres import draw_particles
 from pcnclaws.rendering.upright import has_floor, upright
 from pcnclaws.rendering.view import view_of
@@ -91,6 +92,9 @@ def camera_for(records: list[SceneRecord], width: int) -> Camera:
         return Camera(lower, upper, upper, width, view)
     upwards = [upright(view.of(record.position), record.settings.gravity)[..., 1] for record in records]
     highest = max(float(np.nanmax(heights)) for heights in upwards)
+    for record in records:
+        for frame in (0, len(record.time) - 1):
+            highest = max(highest, highest_obstacle(view, _scenery(record, frame)))
     return Camera(lower, upper, min(max(highest + 0.04, lower + 0.3), 1.0), width, view)
 
 
@@ -103,14 +107,30 @@ def panel(
 ) -> np.ndarray:
     """Picture of one frame, (rows, columns, 3) uint8; `colour` is the material's own unless given.
 
-    The floor is the wall that gravity points to; without gravity there is none.
+    The floor is the wall that gravity points to; without gravity there is none. Colliders are where they are then.
     """
     if colour is None:
         colour = np.tile(material_colour(record.material), (len(record.volume), 1))
     radius = SPHERE_SIZE * np.cbrt(record.volume.astype(np.float64)) / camera.view.edge
     gravity = record.settings.gravity
     position = upright(camera.view.of(record.position[frame]), gravity)
-    return draw_particles(camera, position, radius, colour, oversample=oversample, floor=has_floor(gravity))
+    return draw_particles(
+        camera,
+        position,
+        radius,
+        colour,
+        oversample=oversample,
+        floor=has_floor(gravity),
+        scenery=_scenery(record, frame),
+    )
+
+
+def _scenery(record: SceneRecord, frame: int) -> Scenery:
+    """The colliders where they are in a frame."""
+    settings = record.settings
+    return Scenery(
+        settings.colliders, settings.start_time + float(record.time[frame] - record.time[0]), settings.gravity
+    )
 
 
 def _comparison_title(true: SceneRecord, predicted: SceneRecord) -> str:

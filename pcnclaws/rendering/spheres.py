@@ -5,6 +5,7 @@ from jaxtyping import Float, UInt8
 from scipy.ndimage import uniform_filter
 
 from pcnclaws.rendering.camera import Camera
+from pcnclaws.rendering.obstacles import Scenery, draw_obstacles
 from pcnclaws.rendering.stage import LIGHT, shadowed_stage
 
 AMBIENT, DIFFUSE = 0.58, 0.52
@@ -23,6 +24,7 @@ def draw_particles(
     *,
     oversample: int = 2,
     floor: bool = True,
+    scenery: Scenery | None = None,
 ) -> Picture:
     """Picture of spheres in the box that the camera shows.
 
@@ -31,6 +33,7 @@ def draw_particles(
     colour      red, green and blue from 0 to 1, (particles, 3)
     oversample  pixels of the drawing along one of the picture, against jagged edges
     floor       whether the wall below is a floor, with a grid and a shadow
+    scenery     the colliders, if any
     """
     seen = np.isfinite(position).all(1)
     position, radius, colour = position[seen].astype(np.float64), radius[seen], colour[seen]
@@ -40,6 +43,8 @@ def draw_particles(
     hit = owner >= 0
     light = (AMBIENT + DIFFUSE * facing) * _occlusion(fine, depth, hit)
     canvas[hit] = np.clip(colour[owner[hit]] * light[hit][:, None], 0.0, 1.0)
+    if scenery is not None and scenery.colliders:
+        draw_obstacles(canvas, fine, scenery, depth, line=oversample)
     return _shrunk(canvas, oversample, camera)
 
 

@@ -15,6 +15,13 @@ SHADOW_CELLS, SHADOW_BLUR, SHADOW_DARKNESS = 160, 3.0, 0.32
 LIGHT = np.array([-0.35, 1.0, 0.5]) / np.linalg.norm([-0.35, 1.0, 0.5])
 
 
+@lru_cache(maxsize=2)
+def rays_in_box(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The rays, (rows, columns, 3), and the depths at which each enters and leaves the box, (rows, columns)."""
+    rays, first, second = _crossings(camera)
+    return rays, np.minimum(first, second).max(2), np.maximum(first, second).min(2)
+
+
 @lru_cache(maxsize=8)
 def empty_stage(
     camera: Camera, floor: bool = True
@@ -23,11 +30,8 @@ def empty_stage(
 
     floor  whether the wall below is one; else it is drawn as the others are
     """
-    rays = camera.rays()
-    low = np.array([camera.lower, camera.lower, camera.lower])
-    high = np.array([camera.upper, camera.top, camera.upper])
-    with np.errstate(divide="ignore"):
-        first, second = (low - camera.eye) / rays, (high - camera.eye) / rays
+    low, high = _box(camera)
+    rays, first, second = _crossings(camera)
     enters, leaves = np.minimum(first, second).max(2), np.maximum(first, second).min(2)
     exits = camera.eye + leaves[..., None] * rays
     axis = np.maximum(first, second).argmin(2)
@@ -63,6 +67,21 @@ def shadowed_stage(
     shade = map_coordinates(1.0 - np.exp(-1.5 * density), (x, z), order=1, mode="nearest")
     shadowed[on_floor] *= 1.0 - SHADOW_DARKNESS * shade
     return shadowed
+
+
+def _box(camera: Camera) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Lower and upper corner of what the camera shows."""
+    return (
+        np.array([camera.lower, camera.lower, camera.lower]),
+        np.array([camera.upper, camera.top, camera.upper]),
+    )
+
+
+def _crossings(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The rays, and the depths at which they cross the two planes of each axis, all (rows, columns, 3)."""
+    rays, (low, high) = camera.rays(), _box(camera)
+    with np.errstate(divide="ignore"):
+        return rays, (low - camera.eye) / rays, (high - camera.eye) / rays
 
 
 def _near_edge(exits: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -29,3 +29,14 @@ def upright(position: Float[np.ndarray, "*frames 3"], gravity: Gravity) -> Float
     else:  # a quarter turn that takes the axis of gravity to that of y
         turned[..., 1], turned[..., axis] = 0.5 + up * centred[..., axis], 0.5 - up * centred[..., 1]
     return turned
+
+
+def not_upright(position: Float[np.ndarray, "points 3"], gravity: Gravity) -> Float[np.ndarray, "points 3"]:
+    """Where positions that `upright` has turned were before, the same units."""
+    axis = int(np.abs(gravity).argmax())
+    up = -np.sign(gravity[axis])
+    if up == 0.0 or axis == 1:  # half a turn is its own inverse
+        return upright(position, gravity)
+    back, centred = position.copy(), position - 0.5
+    back[..., axis], back[..., 1] = 0.5 + up * centred[..., 1], 0.5 - up * centred[..., axis]
+    return back

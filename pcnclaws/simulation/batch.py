@@ -72,7 +72,8 @@ def batch_scenes(
     gravity = tensor(vectors_first(np.array([start.settings.gravity for start in starts])))
     scene_index = torch.tensor(index, dtype=torch.int64, device=device)
     mass = tensor(density * volume)
-    shares = load_shares(starts[0].settings.loads, state.position, mass, scene_index)
+    chosen_at = [start.position if start.loaded_at is None else start.loaded_at for start in starts]
+    shares = load_shares(starts[0].settings.loads, tensor(vectors_first(np.concatenate(chosen_at))), mass, scene_index)
     scenes = Scenes(scene_index, mass, tensor(volume), gravity, shares)
     parameters = {name: tensor(np.concatenate([values[name] for values in of_particles])) for name in sorted(names)}
     return SceneBatch(state, scenes, parameters, tuple(start.name for start in starts))

@@ -33,7 +33,7 @@ def steps_before_colliders(
     n = 0
     while n < steps:
         fallen = points + n * dt * velocity + (dt**2 * n * (n + 1) / 2.0) * gravity
-        room = _room(fallen, settings, n * dt)
+        room = _room(fallen, settings, settings.time_at(n))
         if room <= 0.0:
             return max(n - 1, 0)
         # no faster than this in the rest of the run
@@ -43,11 +43,11 @@ def steps_before_colliders(
 
 
 def collider_distance(
-    collider: Collider, position: Float[np.ndarray, "particles 3"]
+    collider: Collider, position: Float[np.ndarray, "particles 3"], time: float
 ) -> Float[np.ndarray, " particles"]:
-    """Signed distance of particles from a collider at the start [m], (particles,)."""
+    """Signed distance of particles from a collider at a time [s] in [m], (particles,)."""
     with torch.no_grad():
-        return collider.distance(torch.tensor(position.T, dtype=torch.float64), 0.0)[0].numpy()
+        return collider.distance(torch.tensor(position.T, dtype=torch.float64), time)[0].numpy()
 
 
 @torch.no_grad()
@@ -61,7 +61,7 @@ def fall_to_colliders(position: Float[np.ndarray, "particles 3"], settings: Simu
     for collider in settings.colliders:
         fallen = torch.zeros(points.shape[1], dtype=torch.float64)
         for _ in range(PACES):
-            distance = collider.distance(points + fallen * down, 0.0)[0]
+            distance = collider.distance(points + fallen * down, settings.start_time)[0]
             if bool((distance <= settings.grid_spacing).any()):
                 least = min(least, float(fallen[distance <= settings.grid_spacing].min()) + settings.grid_spacing)
                 break

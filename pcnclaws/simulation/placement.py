@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from pcnclaws.errors import UserError
 from pcnclaws.mpm.diagnostics import domain_in_words, place_outside
+from pcnclaws.mpm.numbers import span_holds
 from pcnclaws.mpm.settings import UNIT_BOX, SimulationSettings
 from pcnclaws.simulation.collider_distance import collider_distance
 
@@ -60,9 +61,9 @@ def _require_off_colliders(
 ) -> None:
     """Refuses particles inside colliders; a sticky one may hold a part of a body."""
     for number, collider in enumerate(settings.colliders):
-        if collider.contact == "sticky" or collider.start > 0.0:
+        if collider.contact == "sticky" or not span_holds(collider.start, collider.end, settings.start_time):
             continue
-        inside = np.flatnonzero(collider_distance(collider, position) < -slack - WALL_TOLERANCE)
+        inside = np.flatnonzero(collider_distance(collider, position, settings.start_time) < -slack - WALL_TOLERANCE)
         if len(inside):
             others = f" and {len(inside) - 1} more" if len(inside) > 1 else ""
             place = ", ".join(f"{x:.4g}" for x in position[inside[0]])

@@ -27,6 +27,8 @@ class SceneStart:
     deformation  elastic deformation gradient F [-], (particles, 3, 3), None for I
     internal     internal variables by name, each (particles,), those of an undeformed body where they are missing
     density      of each particle [kg/m^3], (particles,), None where it is that of the settings
+    loaded_at    positions by which loads act on particles [m], (particles, 3), None where it is their own: the first
+                 ones of a run that starts later
     varying      physical parameters that differ between the particles, by name, each (particles,); what is recorded
                  of the scene does not hold them
     """
@@ -42,6 +44,7 @@ class SceneStart:
     deformation: Float[np.ndarray, "particles 3 3"] | None = None
     density: Float[np.ndarray, " particles"] | None = None
     internal: Mapping[str, Float[np.ndarray, " particles"]] = field(default_factory=dict)
+    loaded_at: Float[np.ndarray, "particles 3"] | None = None
     varying: Mapping[str, Float[np.ndarray, " particles"]] = field(default_factory=dict)
 
     @property
@@ -90,9 +93,12 @@ def start_of(record: SceneRecord) -> SceneStart:
 
 
 def restarted(start: SceneStart, keyframes: Keyframes, row: int) -> SceneStart:
-    """The scene from one of its keyframes on."""
+    """The scene from one of its keyframes on: colliders and loads are where they are by then."""
+    settings, step = start.settings, int(keyframes.step[row])
     return replace(
         start,
+        settings=replace(settings, start_time=settings.time_at(step)) if settings.changes and step else settings,
+        loaded_at=start.position if settings.loads else None,
         position=keyframes.position[row],
         velocity=keyframes.velocity[row],
         affine=keyframes.affine[row],
@@ -111,4 +117,5 @@ def group_by_settings(scenes: Sequence[Scene]) -> list[list[Scene]]:
 
 def _shared(settings: SimulationSettings) -> SimulationSettings:
     """The settings but for what may differ within a batch."""
-    return replace(settings, gravity=(0.0, 0.0, 0.0), density=1.0)
+    same = replace(settings, gravity=(0.0, 0.0, 0.0), density=1.0)
+    return same if settings.changes else replace(same, start_time=0.0)

@@ -1,5 +1,6 @@
 """Simulator step: the only place where the physics of motion and the physics of material meet."""
 
+from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
 import torch
@@ -92,6 +93,14 @@ class Simulator(nn.Module):
             return parameters
         like = next(iter(parameters.values()))
         return {**parameters, TIME_STEP: torch.full_like(like, self.integrator.settings.time_step)}
+
+    def starting_at(self, start_time: float) -> "Simulator":
+        """The simulator of the same laws with the surroundings of a later start [s]."""
+        settings = self.integrator.settings
+        if settings.start_time == start_time:
+            return self
+        integrator = MPMIntegrator(replace(settings, start_time=start_time), self.integrator.window)
+        return Simulator(self.elasticity, self.plasticity, integrator, self.viscosity)
 
     def _internal_of(self, law: Law, state: ParticleState) -> InternalValues | None:
         """The internal variables of a law, None without any."""

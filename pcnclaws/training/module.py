@@ -113,7 +113,7 @@ class ConstitutiveModule(WatchedModule):
         """The scenes that the regime trains on; `scene` is the option regime.scene."""
 
     def training_step(self, batch: SegmentBatch, batch_idx: int) -> Tensor:
-        simulator = cast(Simulator, self.simulators[batch.group])
+        simulator = cast(Simulator, self.simulators[batch.group]).starting_at(batch.start_time)
         predicted = differentiable_rollout(
             simulator, batch.start, batch.steps, batch.every, recompute=self.settings.recompute, skips=self.skips
         )

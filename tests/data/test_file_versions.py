@@ -37,6 +37,7 @@ SURROUNDED = SimulationSettings(
         (SimulationSettings(boundary="slip"), 2),
         (SimulationSettings(domain=None), 2),
         (SURROUNDED, 2),
+        (replace(SURROUNDED, start_time=0.3), 2),
     ],
 )
 def test_settings_come_back_from_the_first_version_that_holds_them(

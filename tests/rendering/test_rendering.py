@@ -9,6 +9,7 @@ from PIL import Image
 from recorded_scenes import moved, recorded, small_cube
 
 from pcnclaws.errors import UserError
+from pcnclaws.mpm.colliders import Collider
 from pcnclaws.rendering.animation import animation
 from pcnclaws.rendering.camera import Camera
 from pcnclaws.rendering.comparison_sheet import Pair, comparison_sheet
@@ -189,3 +190,37 @@ def test_there_is_no_floor_without_gravity(record: SceneRecord) -> None:
         assert np.abs(pictures[1] - pictures[0])[body].mean() < 3.0
         assert (pictures[1] - pictures[0])[~body].max() > 30, "its shadow is gone"
     assert camera_for([weightless], 100).top == 0.9
+
+
+def test_colliders_are_shown_where_they_are_in_that_frame_and_behind_what_is_nearer(record):
+    """A sphere that rises behind the body hides none of it, one before it all."""
+    near, far = (0.5, 0.2, 0.85), (0.5, 0.2, 0.15)
+    body = np.broadcast_to(0.5 + 0.02 * record.position[0], record.position.shape)
+    alone = replace(record, position=body)
+    camera = camera_for([alone], 100)
+    plain = panel(alone, 0, camera).astype(int)
+    changed = {}
+    for word, collider in (
+        ("behind", Collider.sphere(far, 0.1)),
+        ("before", Collider.sphere(near, 0.1)),
+        ("moving", Collider.sphere(near, 0.1, velocity=(-0.2 / float(record.time[-1] - record.time[0]), 0.0, 0.0))),
+        ("gone", Collider.sphere(near, 0.1, start=100.0)),
+    ):
+        there = replace(alone, settings=replace(record.settings, colliders=(collider,)))
+        for frame in (0, len(record.time) - 1):
+            difference = np.abs(panel(there, frame, camera).astype(int) - plain).sum(2)
+            changed[word, frame] = difference.nonzero()[1]
+    last = len(record.time) - 1
+    assert len(changed["behind", 0]) > 50
+    assert len(changed["before", 0]) > len(changed["behind", 0])  # it is nearer
+    np.testing.assert_array_equal(changed["before", 0], changed["before", last])
+    np.testing.assert_array_equal(changed["moving", 0], changed["before", 0])
+    assert changed["moving", last].mean() < changed["before", 0].mean() - 10
+    assert not len(changed["gone", 0])
+
+
+def test_a_picture_reaches_as_high_as_a_collider(record):
+    stamp = Collider.box((0.4, 0.7, 0.4), (0.6, 0.8, 0.6))
+    there = replace(record, settings=replace(record.settings, colliders=(stamp,)))
+    assert camera_for([record], 100).top < 0.7
+    assert camera_for([there], 100).top == pytest.approx(0.84, abs=0.04)
