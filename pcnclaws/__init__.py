@@ -16,9 +16,11 @@ if TYPE_CHECKING:
     from pcnclaws.interface.settings import Settings
     from pcnclaws.laws.base import Elasticity, Law, Plasticity
     from pcnclaws.laws.constitutive_model import ConstitutiveModel, analytic_law, neural_law
+    from pcnclaws.laws.internal_variables import InternalVariable
     from pcnclaws.laws.materials import Material
     from pcnclaws.laws.parameters import Parameter
     from pcnclaws.laws.registry import Network, register
+    from pcnclaws.laws.viscosity import NewtonianViscosity, Viscosity
     from pcnclaws.mpm.colliders import Collider
     from pcnclaws.mpm.loads import Load
 
@@ -30,17 +32,20 @@ __all__ = [
     "Collider",
     "ConstitutiveModel",
     "Elasticity",
+    "InternalVariable",
     "Law",
     "Load",
     "Material",
     "Motion",
     "Network",
+    "NewtonianViscosity",
     "Parameter",
     "Plasticity",
     "Scene",
     "Settings",
     "SimulationDiverged",
     "UserError",
+    "Viscosity",
     "analytic_law",
     "load_law",
     "neural_law",
@@ -54,17 +59,20 @@ _MODULES = {
     "Collider": "mpm.colliders",
     "ConstitutiveModel": "laws.constitutive_model",
     "Elasticity": "laws.base",
+    "InternalVariable": "laws.internal_variables",
     "Law": "laws.base",
     "Load": "mpm.loads",
     "Material": "laws.materials",
     "Motion": "interface.motion",
     "Network": "laws.registry",
+    "NewtonianViscosity": "laws.viscosity",
     "Parameter": "laws.parameters",
     "Plasticity": "laws.base",
     "Scene": "interface.scene",
     "Settings": "interface.settings",
     "SimulationDiverged": "errors",
     "UserError": "errors",
+    "Viscosity": "laws.viscosity",
     "analytic_law": "laws.constitutive_model",
     "load_law": "commands.law_loading",
     "neural_law": "laws.constitutive_model",
