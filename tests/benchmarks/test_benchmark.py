@@ -12,6 +12,7 @@ from benchmarks.__main__ import benchmark
 from benchmarks.cases import Case, Prepared
 from benchmarks.charts import axis_floor
 from benchmarks.context import Checkpointed
+from benchmarks.own_laws import WORK
 from benchmarks.processes import peak_memory, seconds_of_process
 from benchmarks.skip_trials import TRIALS, switched_off
 from benchmarks.yardstick import Timing, Yardstick, cost_of, interleaved
@@ -20,6 +21,7 @@ from pcnclaws.simulation.fast_paths import Skips
 
 CPU = torch.device("cpu")
 SMOKE = {
+    "own_laws": ["problem.pairs=[cohesion]", "problem.scenes=1", "problem.steps=2", "problem.samples=3"],
     "step_cost": [
         *("problem.backends=[torch]", "problem.scenes=[2,1]", "problem.bodies=[]", "problem.steps=2"),
         *("problem.samples=1", "problem.memory_steps=0", "problem.first_call=false"),
@@ -37,6 +39,13 @@ SMOKE = {
         *("problem.particles_per_edge=6", "problem.steps=20"),
     ],
 }
+
+
+def check_own_laws(results: dict) -> None:
+    assert [(row["pair"], row["work"]) for row in results["rows"]] == [("cohesion", work) for work in WORK]
+    for row in results["rows"]:
+        ends = [row["own_ms"][a] / row["built_in_ms"][b] for a, b in (("min", "max"), ("max", "min"))]
+        assert ends[0] <= row["ratio"] <= ends[1]
 
 
 def check_step_cost(results: dict) -> None:
@@ -71,9 +80,16 @@ def check_training(results: dict) -> None:
         assert row["mse"] == pytest.approx(sum(scene["mse"] for scene in row["scenes"]) / 3)
 
 
-CHECKS = {"step_cost": check_step_cost, "scaling": check_scaling, "skips": check_skips, "training": check_training}
+CHECKS = {
+    "own_laws": check_own_laws,
+    "step_cost": check_step_cost,
+    "scaling": check_scaling,
+    "skips": check_skips,
+    "training": check_training,
+}
 
 
+@pytest.mark.usefixtures("own_registry")
 @pytest.mark.parametrize("name", list(SMOKE))
 def test_a_problem_leaves_its_document_and_pictures_and_can_be_redrawn(name: str, in_process, tmp_path: Path) -> None:
     outcome = in_process(benchmark, "benchmark", f"problem={name}", *SMOKE[name], "output=o", "seed=3")

@@ -9,10 +9,10 @@ import pytest
 import torch
 from bodies import per_particle, seeded, uniform
 from compiled_checks import Batch, after_steps, gradients, largest_difference, moving_batch, rates
-from remembering_material import CLAY, PUTTY, HardeningVonMises, Relaxing, SofteningHencky
 from torch import Tensor
 
 import pcnclaws as pc
+from benchmarks.remembering_material import CLAY, PUTTY, HardeningVonMises, Relaxing, SofteningHencky
 from pcnclaws.compiled import gpu
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.compiled.build import find_compiler

@@ -10,9 +10,9 @@ import pytest
 import torch
 from bodies import per_particle, seeded, uniform
 from law_checks import COUNT, deformations
-from own_material import COHESION, SOIL, CohesiveDruckerPrager, MooneyRivlin
 
 import pcnclaws as pc
+from benchmarks.own_material import COHESION, SOIL, CohesiveDruckerPrager, MooneyRivlin
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.compiled.build import find_compiler
 from pcnclaws.data.hdf5 import read_scenes
@@ -128,7 +128,7 @@ def test_a_law_with_moduli_of_its_own_has_its_wave_speed() -> None:
 PLUGIN = """
 import sys
 sys.path.insert(0, {folder!r})
-import own_material
+from benchmarks import own_material
 from pcnclaws.laws.registry import register
 register(own_material.SOIL)
 """
@@ -139,7 +139,7 @@ def test_a_command_takes_a_material_from_a_plugin(
     in_process: Callable[..., object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "soil_plugin.py").write_text(PLUGIN.format(folder=str(Path(__file__).parents[1])))
+    (tmp_path / "soil_plugin.py").write_text(PLUGIN.format(folder=str(Path(__file__).parents[2])))
     small = ("law=analytic", "scene.particles_per_edge=4", "simulation.steps=20", "picture=false")
     done = in_process(
         simulate,
