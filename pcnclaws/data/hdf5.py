@@ -154,7 +154,7 @@ def _read_scene(scenes: GuardedGroup, name: str, version: int, with_keyframes: b
         )
         _check_values(group, record)
         require_volume(volume, settings, group.where)
-        keyframes = _keyframes(group, record) if "keyframes" in group and with_keyframes else None
+        keyframes = _keyframes(group, record, version) if "keyframes" in group and with_keyframes else None
         return replace(record, keyframes=keyframes)
 
 
@@ -201,7 +201,7 @@ def _check_values(group: GuardedGroup, record: SceneRecord) -> None:
             raise group.fault(f"'{name}' is not positive everywhere")
 
 
-def _keyframes(scene: GuardedGroup, record: SceneRecord) -> Keyframes | None:
+def _keyframes(scene: GuardedGroup, record: SceneRecord, version: int) -> Keyframes | None:
     """The keyframes whose state is complete: a keyframe without recorded positions or velocities starts nothing."""
     group = scene.group("keyframes")
     step = group.array("step", (None,), "iu").astype(np.int64)
@@ -222,7 +222,8 @@ def _keyframes(scene: GuardedGroup, record: SceneRecord) -> Keyframes | None:
             np.count_nonzero(~complete),
             len(step),
         )
-    found = Keyframes(step, position, velocity, affine, deformation, _internal(group, len(step), particles))
+    internal = _internal(group, len(step), particles) if version > 1 else {}
+    found = Keyframes(step, position, velocity, affine, deformation=deformation, internal=internal)
     return found.at(np.flatnonzero(complete)) if complete.any() else None
 
 

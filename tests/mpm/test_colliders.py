@@ -244,8 +244,8 @@ def test_the_compiled_step_with_colliders_equals_that_of_pytorch() -> None:
             parameters = per_particle(PARAMETERS, 64)
             after = simulator(state, scene_of(settings.gravity), parameters, step=3)
             after = simulator(after, scene_of(settings.gravity), parameters, step=4)
-            weights = [uniform(seeded(2), *field.shape) for field in after]
-            found.append([*after, *torch.autograd.grad(after, list(state), weights)])
+            weights = [uniform(seeded(2), *field.shape) for field in after[:4]]
+            found.append([*after[:4], *torch.autograd.grad(after[:4], state[:4], weights)])
     for ours, theirs in zip(*found, strict=True):
         torch.testing.assert_close(ours, theirs, rtol=1e-11, atol=1e-12 * max(1.0, float(theirs.detach().abs().max())))
 

@@ -50,7 +50,7 @@ def numbers_of_two_scenes(material: str) -> Numbers:
 
 def stepped(simulator: Simulator, numbers: Numbers) -> Tensor:
     """All numbers of the state after a step."""
-    state = ParticleState(*(numbers[name] for name in ParticleState._fields))
+    state = ParticleState(*(numbers[name] for name in NUMBERS[:4]))
     scenes = Scenes(torch.tensor([0, 0, 1, 1]), numbers["mass"], numbers["volume"], numbers["gravity"])
     parameters = {name: value for name, value in numbers.items() if name not in NUMBERS}
     return torch.cat([field.flatten() for field in simulator(state, scenes, parameters)])

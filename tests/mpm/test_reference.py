@@ -73,7 +73,7 @@ def irregular_body(motion: Motion) -> tuple[ParticleState, torch.Tensor]:
 def reference_run(
     state: ParticleState, volume: torch.Tensor, material: str, settings: SimulationSettings
 ) -> np.ndarray:
-    position, velocity, affine, deformation = (np.moveaxis(field.numpy(), -1, 0).copy() for field in state)
+    position, velocity, affine, deformation = (np.moveaxis(field.numpy(), -1, 0).copy() for field in state[:4])
     body = reference.Body(position, velocity, affine, deformation, settings.density * volume.numpy(), volume.numpy())
     same = reference.Settings(
         settings.time_step,

@@ -65,7 +65,7 @@ def loss_and_gradients(material: str, recompute: bool) -> list[torch.Tensor]:
     )
     assert positions.shape == (2, 3, PARTICLES)
     loss = (positions - 0.4).square().mean()
-    return [loss, *torch.autograd.grad(loss, [*fields, *parameters.values()])]
+    return [loss, *torch.autograd.grad(loss, [*fields[:4], *parameters.values()])]
 
 
 @pytest.mark.parametrize("material", list(MATERIALS))
