@@ -23,9 +23,10 @@ from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.provenance import provenance
 from pcnclaws.rendering.comparison_sheet import Pair
 from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.law_simulator import LawSimulator
 from pcnclaws.simulation.records import SceneRecord
 
-ANALYTIC = analytic_laws(MATERIALS["sand"])
+ANALYTIC = LawSimulator(analytic_laws(MATERIALS["sand"]))
 
 
 @pytest.fixture(scope="module")
