@@ -222,7 +222,8 @@ def _keyframes(scene: GuardedGroup, record: SceneRecord) -> Keyframes | None:
             np.count_nonzero(~complete),
             len(step),
         )
-    found = Keyframes(step, position, velocity, affine, deformation, _internal(group, len(step), particles))
+    remembered = _internal(group, len(step), particles)
+    found = Keyframes(step, position, velocity, affine, deformation, internal=remembered)
     return found.at(np.flatnonzero(complete)) if complete.any() else None
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import Outcome
 from training_bodies import recorded
@@ -102,8 +103,7 @@ def test_full_states_at_both_ends_alone_are_no_keyframes_to_start_from(
 ) -> None:
     keyframes = records[0].keyframes
     assert keyframes is not None
-    ends = replace(keyframes, **{name: value[[0, -1]] for name, value in vars(keyframes).items()})
-    settle = Settle([replace(records[0], keyframes=ends)])
+    settle = Settle([replace(records[0], keyframes=keyframes.at(np.array([0, -1])))])
     assert in_process(settle, "train").status == 0
     assert settle.training[0]["start"] == "initial"
     generated = Settle(None)
