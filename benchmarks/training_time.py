@@ -25,6 +25,7 @@ from pcnclaws.laws.analytic import Laws, analytic_laws
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.law_simulator import LawSimulator
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
@@ -120,7 +121,7 @@ def _trained(
 def _errors(laws: Laws, records: Sequence[SceneRecord], context: BenchmarkContext) -> dict[str, Any]:
     """Mean MSE [m^2] over the unseen scenes, and of each; None where the law diverges."""
     try:
-        results = evaluate_records(records, laws, Execution(device=context.device))
+        results = evaluate_records(records, LawSimulator(laws), Execution(device=context.device))
     except SimulationDiverged:
         return {"mse": None, "scenes": []}
     scenes = [{"name": result.name, "mse": result.mse} for result in results]

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from pcnclaws.laws.analytic import Laws, analytic_laws
+from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.elasticity import StVKHencky
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.law_simulator import LawSimulator
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
@@ -55,8 +56,8 @@ class SofterHencky(StVKHencky):
         return 0.9 * super().kirchhoff_stress(deformation, parameters)
 
 
-def softer_sand() -> Laws:
-    return analytic_laws(MATERIALS["sand"])._replace(elasticity=SofterHencky())
+def softer_sand() -> LawSimulator:
+    return LawSimulator(analytic_laws(MATERIALS["sand"])._replace(elasticity=SofterHencky()))
 
 
 def moved(record: SceneRecord, by: float) -> SceneRecord:

@@ -1,11 +1,15 @@
 """Rules of the house that no linter knows."""
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "pcnclaws"
 MOST_ARGUMENTS = 5
+# Where models are used by what they offer, whatever they are.
+OF_MODELS = {"evaluation", "training", "estimation", "commands"}
+KINDS_OF_MODEL = {"Laws", "SceneSimulator", "LawSimulator", "MotionModel", "GraphNetworkSimulator"}
 # Functions of C and kernels are called by place.
 BY_PLACE = {"compiled", "mpm", "laws"}
 
@@ -24,3 +28,14 @@ def test_no_call_has_more_than_five_arguments_by_place() -> None:
         if len(call.args) > MOST_ARGUMENTS and Path(where).parts[0] not in BY_PLACE
     ]
     assert not [line for line in long if not line.endswith(": log.warning")]
+
+
+def test_nothing_asks_which_kind_of_model_it_has() -> None:
+    asking = [
+        f"{where}: {ast.unparse(call)}"
+        for where, call in calls()
+        if Path(where).parts[0] in OF_MODELS
+        and ast.unparse(call.func) in ("isinstance", "issubclass", "type")
+        and KINDS_OF_MODEL & set(re.findall(r"\w+", ast.unparse(call.args[-1])))
+    ]
+    assert asking == []

@@ -22,16 +22,16 @@ from conftest import Outcome
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from training_bodies import EVERY, Scaled, lifted, recorded, starts
 
+from pcnclaws.commands.models import build_model
 from pcnclaws.commands.runs import CONFIG, METRICS, WEIGHTS, load_run, read_config
 from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.elasticity import NeoHookean, StVKHencky
-from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.train import train
 from pcnclaws.training.checkpoints import LAST, PREVIOUS, newest_checkpoint
-from pcnclaws.training.weights import law_weights, read_weights
+from pcnclaws.training.weights import model_weights, read_weights
 
 SMALL = ("material=elasticity", "model.width=8", "training.batch_segments=2", "threads=1", "picture=false")
 SHORT = (
@@ -245,8 +245,8 @@ def test_without_iterations_the_run_holds_the_structure_of_the_law_alone(
 
     run = load_run(tmp_path / "run")
     torch.manual_seed(0)
-    untrained = law_weights(build_neural_laws(run.material, {"name": "pcnclaws", "width": 8}))
-    weights = law_weights(run.laws)
+    untrained = model_weights(build_model(run.material, {"name": "pcnclaws", "width": 8}))
+    weights = model_weights(run.model)
     assert all(torch.equal(weight, weights[name]) for name, weight in untrained.items())
     assert "run holds this run, finished" in in_process(train, "train", *options, "output=run").out
 

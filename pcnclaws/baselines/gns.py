@@ -1,5 +1,6 @@
 """GNS, a graph network that simulates: positions of the last frames to positions of the next one."""
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,11 +15,11 @@ from pcnclaws.baselines.graphs import graph_of
 from pcnclaws.baselines.windows import FRAMES, WindowDataset, Windows, before_start, recorded_motion
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.laws.materials import Material
-from pcnclaws.simulation.execution import Progress
+from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution, Progress
 from pcnclaws.simulation.motion import MotionModel
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import TIME_TOLERANCE, SceneRecord
-from pcnclaws.simulation.scenes import SceneStart
+from pcnclaws.simulation.scenes import SceneStart, group_by_settings
 
 # Velocities of five frames, and the distances from six walls.
 INPUTS = 3 * (FRAMES - 1) + 6
@@ -47,26 +48,11 @@ class GraphNetworkSimulator(MotionModel):
             self.register_buffer(name, torch.ones((), dtype=torch.float64))
 
     def simulate(
-        self, starts: Sequence[SceneStart], plan: FramePlan, progress: Progress | None = None
+        self, starts: Sequence[SceneStart], plan: FramePlan, execution: Execution = SINGLE_ON_CPU
     ) -> list[SceneRecord]:
-        every = plan.every
-        own_steps = [self._own_steps(start, every) for start in starts]
-        pasts = [
-            np.concatenate((before_start(start, self.frame_time.item()), start.position[None])) for start in starts
-        ]
-        histories = [torch.as_tensor(past, dtype=torch.float64, device=self.frame_time.device) for past in pasts]
-        frames = [[history[-1]] for history in histories]
-        with torch.no_grad():
-            for _ in range(plan.steps // every):
-                for k, start in enumerate(starts):
-                    for _ in range(own_steps[k]):
-                        histories[k] = self._advanced(histories[k], start)
-                    frames[k].append(histories[k][-1])
-                if progress:
-                    progress(every)
-        dtype = next(self.parameters()).dtype
-        motions = [torch.stack(of_scene).to(dtype) for of_scene in frames]
-        return [_record(start, motion, every) for start, motion in zip(starts, motions, strict=True)]
+        placed = copy.deepcopy(self).to(execution.device, execution.dtype)
+        motions = placed._motions(starts, plan, execution.progress)
+        return [_record(start, motion, plan.every) for start, motion in zip(starts, motions, strict=True)]
 
     def windows(self, records: Sequence[SceneRecord], count: int, batch: int, noise: float, seed: int) -> Dataset[Any]:
         times = np.concatenate([np.diff(record.time) for record in records])
@@ -86,6 +72,26 @@ class GraphNetworkSimulator(MotionModel):
         error = self.network(batch.graph) - batch.change / self.change_unit.to(batch.change.dtype)
         squared = error.square().mean()
         return squared, squared.detach() * self.change_unit.square()
+
+    def _motions(self, starts: Sequence[SceneStart], plan: FramePlan, progress: Progress | None) -> list[Tensor]:
+        """Positions of the frames of every scene [m], each (frames, particles, 3), in the precision of the weights."""
+        every, groups = plan.every, len(group_by_settings(starts))
+        own_steps = [self._own_steps(start, every) for start in starts]
+        pasts = [
+            np.concatenate((before_start(start, self.frame_time.item()), start.position[None])) for start in starts
+        ]
+        histories = [torch.as_tensor(past, dtype=torch.float64, device=self.frame_time.device) for past in pasts]
+        frames = [[history[-1]] for history in histories]
+        with torch.no_grad():
+            for _ in range(plan.steps // every):
+                for k, start in enumerate(starts):
+                    for _ in range(own_steps[k]):
+                        histories[k] = self._advanced(histories[k], start)
+                    frames[k].append(histories[k][-1])
+                if progress:
+                    progress(every * groups)
+        dtype = next(self.parameters()).dtype
+        return [torch.stack(of_scene).to(dtype) for of_scene in frames]
 
     def _own_steps(self, start: SceneStart, every: int) -> int:
         """Steps of this simulator from one frame to the next."""

@@ -29,7 +29,7 @@ from pcnclaws.evaluation.report import Outcomes, metrics, results_table, survive
 from pcnclaws.evaluation.tasks import evaluate_records, require_material, steps_to_run
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.provenance import provenance
-from pcnclaws.simulation.motion import Model
+from pcnclaws.simulation.motion import SceneSimulator
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import start_of
 from pcnclaws.simulation.time_step import stability_of
@@ -76,8 +76,8 @@ def evaluate(config: EvaluateConfig) -> Mapping[str, float | None]:
 def _on_file(config: EvaluateConfig, material: Material) -> tuple[Outcomes, dict[str, float | None]]:
     """What becomes of the scenes of a file; no floor, whose truth would have to be analytic."""
     records = _file_records(config, material)
-    laws = model_for(config.law, material, [record.parameters for record in records])
-    return _simulated(config, records, laws, config.may_diverge), {}
+    model = model_for(config.law, material, [record.parameters for record in records])
+    return _simulated(config, records, model, config.may_diverge), {}
 
 
 def _on_task(config: EvaluateConfig, material: Material) -> tuple[Outcomes, dict[str, float | None]]:
@@ -88,7 +88,7 @@ def _on_task(config: EvaluateConfig, material: Material) -> tuple[Outcomes, dict
         )
     task = builtin_task(config.task.name, material, _scene(config))
     # that a map goes outside the training data needs no warning
-    laws = model_for(config.law, material, [] if task.may_diverge else [start.parameters for start in task.starts])
+    model = model_for(config.law, material, [] if task.may_diverge else [start.parameters for start in task.starts])
     execution = execution_from(config)
     with progress_bar("simulating the truth", task.work) as advance:
         truth = true_records(task, material, replace(execution, progress=advance))
@@ -96,22 +96,24 @@ def _on_task(config: EvaluateConfig, material: Material) -> tuple[Outcomes, dict
     outcomes = [scene for scene in truth if isinstance(scene, DivergedScene)]
     if records:
         may_diverge = task.may_diverge or config.may_diverge
-        outcomes = [*_simulated(config, _in_time_step(config, records), laws, may_diverge), *outcomes]
+        outcomes = [*_simulated(config, _in_time_step(config, records), model, may_diverge), *outcomes]
     if not config.floor or not records:
         return outcomes, {}
     with progress_bar("simulating the floor", 2 * len(records)) as advance:
         return outcomes, floor(records, replace(execution, progress=advance))
 
 
-def _simulated(config: EvaluateConfig, records: list[SceneRecord], laws: Model, may_diverge: bool = False) -> Outcomes:
-    """The records beside what the laws make of them. may_diverge: a scene that diverges is a result, too."""
+def _simulated(
+    config: EvaluateConfig, records: list[SceneRecord], model: SceneSimulator, may_diverge: bool = False
+) -> Outcomes:
+    """The records beside what the model makes of them. may_diverge: a scene that diverges is a result, too."""
     what, execution = f"simulating with law={config.law}", execution_from(config)
     if may_diverge:
         with progress_bar(what, len(records)) as advance:
-            return survivors(records, lambda some: evaluate_records(some, laws, execution), advance)
+            return survivors(records, lambda some: evaluate_records(some, model, execution), advance)
     try:
         with progress_bar(what, steps_to_run(records)) as advance:
-            return evaluate_records(records, laws, replace(execution, progress=advance))
+            return evaluate_records(records, model, replace(execution, progress=advance))
     except SimulationDiverged as error:
         failed = next((record for record in records if f"scene '{record.name}'" in str(error)), records[0])
         raise SimulationDiverged(f"{error}; {stability_of(start_of(failed)).advice(error)}") from error

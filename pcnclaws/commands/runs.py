@@ -1,4 +1,4 @@
-"""Run folders: started, continued, finished, and read back as laws. Reading one never runs code from its files."""
+"""Run folders: started, continued, finished, and read back as models. Reading one never runs code from its files."""
 
 import json
 import logging
@@ -19,8 +19,9 @@ from pcnclaws.errors import UserError
 from pcnclaws.laws.analytic import Laws, analytic_laws
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.training_ranges import outside_training_data
-from pcnclaws.simulation.motion import Model
-from pcnclaws.training.weights import read_weights, set_law_weights
+from pcnclaws.simulation.law_simulator import LawSimulator
+from pcnclaws.simulation.motion import SceneSimulator
+from pcnclaws.training.weights import read_weights, set_model_weights
 
 log = logging.getLogger(__name__)
 
@@ -38,14 +39,14 @@ class LoadedRun(NamedTuple):
     """A finished training run. ranges: the span of each physical parameter in its training data."""
 
     material: Material
-    model: Model
+    model: SceneSimulator
     config: dict[str, Any]
     ranges: Mapping[str, tuple[float, float]]
 
     @property
     def laws(self) -> Laws:
         """The model, which is one of laws; UserError for a model of motion."""
-        return _as_laws(self.model, "the run")
+        return as_laws(self.model, "the run")
 
 
 def load_run(folder: str | Path, option: str = "law") -> LoadedRun:
@@ -66,11 +67,8 @@ def load_run(folder: str | Path, option: str = "law") -> LoadedRun:
         model = build_model(material, config["model"])
     except UserError as fault:
         raise UserError(f"{option}={folder / CONFIG}: {fault}") from fault
-    set_law_weights(model, weights, f"{option}={folder}")
-    for part in model if isinstance(model, Laws) else (model,):
-        if part is not None:
-            part.requires_grad_(False)
-    return LoadedRun(material, model, config, _ranges(notes, material))
+    set_model_weights(model, weights, f"{option}={folder}")
+    return LoadedRun(material, model.requires_grad_(False), config, _ranges(notes, material))
 
 
 def _material_of(config: Mapping[str, Any], where: str) -> Material:
@@ -88,17 +86,25 @@ def _material_of(config: Mapping[str, Any], where: str) -> Material:
 
 def laws_for(law: str, material: Material, parameters: Iterable[Mapping[str, float]] = ()) -> Laws:
     """As model_for, where laws are needed: UserError for a model of motion."""
-    return _as_laws(model_for(law, material, parameters), f"law={law}")
+    return as_laws(model_for(law, material, parameters), f"law={law}")
 
 
-def model_for(law: str, material: Material, parameters: Iterable[Mapping[str, float]] = ()) -> Model:
+def as_laws(model: SceneSimulator, source: str) -> Laws:
+    """The laws that a model simulates with; UserError naming `source` for a model without any."""
+    laws = model.laws
+    if laws is None:
+        raise UserError(f"{source} is a model of motion without laws, which evaluate takes; accepted here: laws")
+    return laws
+
+
+def model_for(law: str, material: Material, parameters: Iterable[Mapping[str, float]] = ()) -> SceneSimulator:
     """The model that the option `law` names: analytic, pretrained, or a run folder of that material.
 
     parameters  the physical parameters they will be used with: one line warns of those outside the training data
     """
     folder = law_folder(law, material)
     if folder is None:
-        return analytic_laws(material)
+        return LawSimulator(analytic_laws(material))
     run = load_run(folder)
     if run.material.name != material.name:
         raise UserError(f"law={law} was trained for material={run.material.name}, not {material.name}")
@@ -173,12 +179,6 @@ def read_config(folder: Path) -> dict[str, Any]:
     if not isinstance(config, dict):
         raise UserError(f"{folder / CONFIG} is not the configuration of a run")
     return config
-
-
-def _as_laws(model: Model, source: str) -> Laws:
-    if not isinstance(model, Laws):
-        raise UserError(f"{source} is a model of motion without laws, which evaluate takes; accepted here: laws")
-    return model
 
 
 def _is_foreign(entry: Path) -> bool:

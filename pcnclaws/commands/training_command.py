@@ -30,14 +30,13 @@ from pcnclaws.commands.typed import plain
 from pcnclaws.commands.typed_configs import TrainConfig
 from pcnclaws.data.locks import written_alone
 from pcnclaws.errors import UserError
-from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.materials import material_named
 from pcnclaws.provenance import commit
-from pcnclaws.simulation.motion import Model
+from pcnclaws.simulation.motion import SceneSimulator
 from pcnclaws.training.hyperparameters import log_hyperparameters
 from pcnclaws.training.sources import TrainingScenes, for_regime, generated_scenes, own_scenes
 from pcnclaws.training.trainer import FitResult, fit, quiet_lightning
-from pcnclaws.training.weights import set_law_weights, write_weights
+from pcnclaws.training.weights import set_model_weights, write_weights
 
 # Width of what is printed where the output is not a terminal.
 PLAIN_WIDTH = 120
@@ -89,9 +88,9 @@ def _train(config: TrainConfig) -> None:
 
     notes = _notes(config, scenes, fitted)
     write_weights(folder / WEIGHTS, fitted.best.weights, notes)
-    set_law_weights(model, fitted.best.weights, str(folder / WEIGHTS))
+    set_model_weights(model, fitted.best.weights, str(folder / WEIGHTS))
     notes |= against_untrained(fitted.best.mse, untrained_mse) | {"training_seconds": round(prepared.clock.spent, 1)}
-    notes |= {"identified": found} if isinstance(model, Laws) and (found := identified_values(model)) else {}
+    notes |= {"identified": found} if model.laws is not None and (found := identified_values(model.laws)) else {}
     report = Report(
         folder,
         scenes,
@@ -108,14 +107,11 @@ def _train(config: TrainConfig) -> None:
         log_hyperparameters(folder, shown, run_errors(folder))
 
 
-def untrained_model(config: TrainConfig) -> Model:
+def untrained_model(config: TrainConfig) -> SceneSimulator:
     """The model of `material` and `model.*` as training with `seed` starts from it."""
     torch.manual_seed(whole_number(config.seed, "seed", least=0))
     untrained = build_model(material_named(config.material.name), config.model)
-    for part in untrained if isinstance(untrained, Laws) else (untrained,):
-        if part is not None:
-            part.to(device_from(config.device), precision_from(config.precision))
-    return untrained
+    return untrained.to(device_from(config.device), precision_from(config.precision))
 
 
 def _own_scenes(config: TrainConfig) -> TrainingScenes:

@@ -21,7 +21,7 @@ from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.provenance import provenance
 from pcnclaws.rendering.curves import LossCurve, loss_curve
 from pcnclaws.simulation.execution import Execution
-from pcnclaws.simulation.motion import Model
+from pcnclaws.simulation.motion import SceneSimulator
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.training.sources import TrainingScenes
 from pcnclaws.training.trainer import FitResult
@@ -43,8 +43,8 @@ class Report:
     scenes: TrainingScenes
     fitted: FitResult
     notes: dict[str, Any]
-    untrained: Model
-    trained: Model
+    untrained: SceneSimulator
+    trained: SceneSimulator
     started: float
     execution: Execution
 
@@ -90,19 +90,19 @@ def _warning(report: Report) -> str | None:
 
 
 def _after(report: Report, console: Console) -> Outcomes:
-    """What the trained law makes of the test; a scene that diverges is a result, and no reason to lose the others."""
-    laws, records = report.trained, report.scenes.test
+    """What the trained model makes of the test; a scene that diverges is a result, and no reason to lose the others."""
+    model, records = report.trained, report.scenes.test
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         advance = partial(progress.advance, progress.add_task("test after training", total=len(records)))
-        return survivors(records, lambda some: evaluate_records(some, laws, report.execution), advance)
+        return survivors(records, lambda some: evaluate_records(some, model, report.execution), advance)
 
 
-def _results(report: Report, laws: Model, what: str, console: Console) -> list[SceneResult]:
+def _results(report: Report, model: SceneSimulator, what: str, console: Console) -> list[SceneResult]:
     records = report.scenes.test
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(what, total=steps_to_run(records))
         advance = partial(progress.advance, task)
-        return evaluate_records(records, laws, replace(report.execution, progress=advance))
+        return evaluate_records(records, model, replace(report.execution, progress=advance))
 
 
 def _results_or_none(report: Report, console: Console) -> list[SceneResult]:

@@ -4,12 +4,14 @@ import math
 from typing import NamedTuple, TypeAlias
 
 from pcnclaws.commands.configuration import precision_from, skips_from, whole_number
+from pcnclaws.commands.runs import as_laws
 from pcnclaws.commands.typed_configs import TrainConfig
 from pcnclaws.data.datamodule import CheckedDataModule, TrajectoryDataModule
 from pcnclaws.data.dataset import SegmentDataset
 from pcnclaws.data.segments import SegmentPlan
 from pcnclaws.errors import UserError, unknown_name
-from pcnclaws.simulation.motion import Model, MotionModel
+from pcnclaws.laws.analytic import Laws
+from pcnclaws.simulation.motion import MotionModel, SceneSimulator
 from pcnclaws.training.budget import WallClock
 from pcnclaws.training.loop import Loop
 from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
@@ -73,33 +75,30 @@ def loop_from(config: TrainConfig) -> Loop:
     )
 
 
-def setup(config: TrainConfig, model: Model, scenes: TrainingScenes) -> Setup:
-    """What trains the model: by single steps a model of motion, through the simulation the laws of a material."""
+def setup(config: TrainConfig, model: SceneSimulator, scenes: TrainingScenes) -> Setup:
+    """What trains the model: by single steps where it learns from them, else its laws through the simulation."""
     every, notes = _check_every(config)
     clock = WallClock(_budget(config))
-    prepare = _one_step if isinstance(model, MotionModel) else _simulated
-    module, data, more = prepare(config, model, scenes, every, clock)
+    stepwise = model.one_step
+    if stepwise is not None:
+        module, data, more = _one_step(config, stepwise, scenes, every, clock)
+    else:
+        module, data, more = _simulated(config, as_laws(model, f"model={config.model['name']}"), scenes, every)
     return Setup(module, data, clock, (*notes, *more))
 
 
-def _simulated(
-    config: TrainConfig, model: Model, scenes: TrainingScenes, check_every: int, clock: WallClock
-) -> Prepared:
-    if isinstance(model, MotionModel):
-        raise TypeError("a model of motion is not trained through a simulation")
+def _simulated(config: TrainConfig, laws: Laws, scenes: TrainingScenes, check_every: int) -> Prepared:
     plan = _plan(config)
     data = TrajectoryDataModule(scenes.training, scenes.validation, plan, check_every, precision_from(config.precision))
-    data.dataset.internal_variables = model.internal_variables
+    data.dataset.internal_variables = laws.internal_variables
     settings = data.dataset.settings
-    module = regime_from(config)(model, settings, _optimiser(config), plan.iterations, skips_from(config.simulation))
+    module = regime_from(config)(laws, settings, _optimiser(config), plan.iterations, skips_from(config.simulation))
     return module, data, (*data.dataset.notes, _segments_in_words(data.dataset)) if plan.iterations else ()
 
 
 def _one_step(
-    config: TrainConfig, model: Model, scenes: TrainingScenes, check_every: int, clock: WallClock
+    config: TrainConfig, model: MotionModel, scenes: TrainingScenes, check_every: int, clock: WallClock
 ) -> Prepared:
-    if not isinstance(model, MotionModel):
-        raise TypeError("laws are not trained by single steps")
     training = config.training
     iterations, batch = training.iterations, whole_number(config.training.batch_segments, "training.batch_segments")
     windows = model.windows(scenes.training, iterations, batch, _noise(config), config.seed)

@@ -10,7 +10,7 @@ from pcnclaws.commands.configuration import whole_number
 from pcnclaws.commands.typed import plain, typed
 from pcnclaws.commands.typed_configs import TrainConfig, Training
 from pcnclaws.errors import UserError
-from pcnclaws.simulation.motion import Model, MotionModel
+from pcnclaws.simulation.motion import SceneSimulator
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.training.sources import can_restart
 
@@ -18,7 +18,7 @@ GROUP, WITHOUT_KEYFRAMES = "training", "initial"
 
 
 def settled_start(
-    config: TrainConfig, model: Model, scenes: Sequence[SceneRecord] | None
+    config: TrainConfig, model: SceneSimulator, scenes: Sequence[SceneRecord] | None
 ) -> tuple[TrainConfig, tuple[str, ...]]:
     """The configuration with the start that the data allow, and a line for the user where that is another one.
 
@@ -28,7 +28,7 @@ def settled_start(
     scenes  the user's own training scenes, None for the generated ones
     raises  UserError where the user states that segments start from keyframes
     """
-    if isinstance(model, MotionModel) or config.training.start != "keyframes":
+    if model.one_step is not None or config.training.start != "keyframes":
         return config, ()
     reason = _no_keyframes(scenes) if scenes is not None else _no_keyframes_made(config)
     if reason is None:

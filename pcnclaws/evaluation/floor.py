@@ -11,6 +11,7 @@ from pcnclaws.evaluation.tasks import SceneResult, evaluate_records, mean_mse
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import material_named
 from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
+from pcnclaws.simulation.law_simulator import LawSimulator
 from pcnclaws.simulation.records import SceneRecord
 
 UNITS = {
@@ -25,11 +26,11 @@ def floor(records: Sequence[SceneRecord], execution: Execution = SINGLE_ON_CPU) 
     A scene that diverges even so is left out; None where all do.
     execution  double precision whatever it says; its progress hears of 2 x len(records) scenes in all
     """
-    laws = analytic_laws(material_named(records[0].material))
+    analytic = LawSimulator(analytic_laws(material_named(records[0].material)))
     silent = replace(execution, dtype=torch.float64, progress=None)
 
     def run(scenes: Sequence[SceneRecord]) -> list[SceneResult]:
-        return evaluate_records(scenes, laws, silent)
+        return evaluate_records(scenes, analytic, silent)
 
     # without the full states, nothing but the positions is compared
     whole = [replace(record, keyframes=None) for record in records]

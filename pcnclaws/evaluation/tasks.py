@@ -15,8 +15,7 @@ from pcnclaws.laws.analytic import Laws, analytic_laws
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.metrics import mse_sum, position_mse, position_mse_by_frame, rms_percent
 from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
-from pcnclaws.simulation.motion import Model
-from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.motion import SceneSimulator
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart, group_by_settings, start_of
 
@@ -63,13 +62,13 @@ class SceneResult:
 
 def evaluate_records(
     records: Sequence[SceneRecord],
-    model: Model,
+    model: SceneSimulator,
     execution: Execution = SINGLE_ON_CPU,
 ) -> list[SceneResult]:
     """Simulates each record from its first frame with its own parameters and settings and compares at its frames.
 
-    A frame that lies between two steps is compared with the linear interpolation of the two. A model of motion has
-    neither stress nor full states, and no errors of these.
+    A frame that lies between two steps is compared with the linear interpolation of the two. A model without
+    laws has neither stress nor full states, and no errors of these.
     execution  its progress hears of `steps_to_run(records)` steps in all
     raises     UserError for a record that cannot be evaluated; SimulationDiverged
     """
@@ -79,19 +78,16 @@ def evaluate_records(
     seconds: dict[int, float] = {}
     for plan, members in step_plans(records).items():
         group, began = [starts[index] for index in members], time.perf_counter()
-        if isinstance(model, Laws):
-            runs = simulate_records(group, model, plan, execution)
-        else:
-            runs = model.to(execution.device, execution.dtype).simulate(group, plan, execution.progress)
+        runs = model.simulate(group, plan, execution)
         share = (time.perf_counter() - began) / len(members)
         for index, run in zip(members, runs, strict=True):
             predicted[index], seconds[index] = at_frames_of(records[index], run, plan.every), share
-    analytic = analytic_laws(material)
+    laws, analytic = model.laws, analytic_laws(material)
     results = [_compared(record, predicted[k], analytic) for k, record in enumerate(records)]
     return [
         replace(
             result,
-            stress_error=stress_error(record, model, analytic, execution.dtype) if isinstance(model, Laws) else None,
+            stress_error=None if laws is None else stress_error(record, laws, analytic, execution.dtype),
             seconds=seconds[k],
         )
         for k, (result, record) in enumerate(zip(results, records, strict=True))

@@ -7,11 +7,10 @@ from typing import Any
 import torch
 from lightning.pytorch import LightningModule, Trainer
 from lightning.pytorch.callbacks import Callback, Checkpoint
-from torch import Tensor
+from torch import Tensor, nn
 
-from pcnclaws.simulation.motion import Model
 from pcnclaws.training.checkpoints import LAST
-from pcnclaws.training.weights import law_weights
+from pcnclaws.training.weights import model_weights
 
 
 class History(Callback):
@@ -48,8 +47,8 @@ class History(Callback):
 class BestWeights(Callback):
     """Remembers the weights of the check with the smallest error."""
 
-    def __init__(self, laws: Model) -> None:
-        self.laws = laws
+    def __init__(self, model: nn.Module) -> None:
+        self.model = model
         self.mse, self.iteration = math.inf, 0
         self.weights: dict[str, Tensor] = {}
 
@@ -57,7 +56,7 @@ class BestWeights(Callback):
         mse = float(trainer.callback_metrics["validation_mse"])
         if mse < self.mse:
             self.mse, self.iteration = mse, trainer.global_step
-            self.weights = law_weights(self.laws)
+            self.weights = model_weights(self.model)
 
     def state_dict(self) -> dict[str, Any]:
         return {"mse": self.mse, "iteration": self.iteration, "weights": self.weights}

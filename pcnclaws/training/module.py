@@ -17,6 +17,7 @@ from pcnclaws.metrics import position_mse
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.law_simulator import LawSimulator
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
@@ -104,8 +105,8 @@ class ConstitutiveModule(WatchedModule):
         self.settings, self.iterations = optimiser, iterations
 
     @property
-    def model(self) -> Laws:
-        return self.laws
+    def model(self) -> LawSimulator:
+        return LawSimulator(self.laws)
 
     @staticmethod
     @abstractmethod

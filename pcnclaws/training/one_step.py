@@ -10,6 +10,7 @@ from torch import Tensor
 
 from pcnclaws.errors import SimulationDiverged
 from pcnclaws.metrics import position_mse
+from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.motion import MotionModel
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
@@ -71,5 +72,7 @@ class OneStepModule(WatchedModule):
     def _error(self, record: SceneRecord) -> float:
         steps = record.frame_steps()
         every = math.gcd(*(int(step) for step in steps))
-        rollout = self.simulator.simulate([start_of(record)], FramePlan(int(steps[-1]), every))[0]
+        weight = next(self.parameters())
+        plan, execution = FramePlan(int(steps[-1]), every), Execution(weight.dtype, weight.device)
+        rollout = self.simulator.simulate([start_of(record)], plan, execution)[0]
         return position_mse(rollout.position[steps // every], record.position)

@@ -18,7 +18,7 @@ from pcnclaws.training.checkpoints import LAST, AtomicCheckpointIO, newest_check
 from pcnclaws.training.loop import Loop
 from pcnclaws.training.progress import TrainingProgress
 from pcnclaws.training.watched import WatchedModule
-from pcnclaws.training.weights import law_weights
+from pcnclaws.training.weights import model_weights
 
 log = logging.getLogger(__name__)
 
@@ -126,7 +126,7 @@ def interruptible(checkpoints: Path) -> Iterator[None]:
 def _untrained(module: WatchedModule, data: CheckedDataModule) -> FitResult:
     """The model as it is, with the error of one check."""
     history, best = History(), BestWeights(module.model)
-    best.mse, best.weights = module.rollout_error(data.validation), law_weights(module.model)
+    best.mse, best.weights = module.rollout_error(data.validation), model_weights(module.model)
     history.check_iteration, history.check_mse = [0], [best.mse]
     return FitResult(history, best, module.skipped)
 

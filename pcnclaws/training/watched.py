@@ -10,7 +10,7 @@ from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 
 from pcnclaws.errors import SimulationDiverged
-from pcnclaws.simulation.motion import Model
+from pcnclaws.simulation.motion import SceneSimulator
 from pcnclaws.simulation.records import SceneRecord
 
 log = logging.getLogger(__name__)
@@ -36,7 +36,7 @@ class WatchedModule(LightningModule, ABC):
 
     @property
     @abstractmethod
-    def model(self) -> Model:
+    def model(self) -> SceneSimulator:
         """What is trained."""
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""Weight files of neural laws, safetensors: tensors and text, nothing that can run."""
+"""Weight files of models, safetensors: tensors and text, nothing that can run."""
 
 import json
 from pathlib import Path
@@ -11,17 +11,16 @@ from torch import Tensor, nn
 
 from pcnclaws.atomic import replaced_file
 from pcnclaws.errors import UserError
-from pcnclaws.simulation.motion import Model
 
 
-def law_weights(laws: Model) -> dict[str, Tensor]:
+def model_weights(model: nn.Module) -> dict[str, Tensor]:
     """Copies of all weights on the CPU; those of laws are named elasticity.* and plasticity.*."""
-    return {name: weight.detach().cpu().clone() for name, weight in _modules(laws).state_dict().items()}
+    return {name: weight.detach().cpu().clone() for name, weight in model.state_dict().items()}
 
 
-def set_law_weights(laws: Model, weights: dict[str, Tensor], source: str) -> None:
-    """Loads weights into laws; UserError naming `source` and the first weight that does not fit."""
-    wanted = _modules(laws).state_dict()
+def set_model_weights(model: nn.Module, weights: dict[str, Tensor], source: str) -> None:
+    """Loads weights into a model; UserError naming `source` and the first weight that does not fit."""
+    wanted = model.state_dict()
     for name in sorted(wanted.keys() | weights.keys()):
         if name not in weights:
             raise UserError(f"{source}: the weights do not fit the configuration: '{name}' is missing")
@@ -34,7 +33,7 @@ def set_law_weights(laws: Model, weights: dict[str, Tensor], source: str) -> Non
             )
         if not bool(torch.isfinite(weights[name]).all()):
             raise UserError(f"{source}: '{name}' holds numbers that are not finite")
-    _modules(laws).load_state_dict(weights)
+    model.load_state_dict(weights)
 
 
 def write_weights(path: Path, weights: dict[str, Tensor], notes: dict[str, Any]) -> None:
@@ -58,10 +57,3 @@ def read_weights(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     if not isinstance(notes, dict):
         raise UserError(f"{path} was not written by pcnclaws")
     return weights, notes
-
-
-def _modules(laws: Model) -> nn.Module:
-    """The model as one module; laws under their names, to read and write their weights together."""
-    if isinstance(laws, nn.Module):
-        return laws
-    return nn.ModuleDict({name: law for name, law in laws._asdict().items() if law is not None})

@@ -17,6 +17,7 @@ from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.evaluation.tasks import evaluate_records
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.training.budget import WallClock
@@ -139,6 +140,20 @@ def test_without_noise_the_true_change_leads_to_the_next_frame() -> None:
     squares = torch.cat([data[k].change for k in range(40)]).square().mean()
     assert float(squares.sqrt()) == pytest.approx(model.change_unit.item(), rel=0.3)
     assert not torch.equal(batch.change, data[4].change)
+
+
+def test_a_simulation_has_the_precision_asked_for_and_leaves_the_simulator_as_it_is() -> None:
+    model, done = simulator(), list[int]()
+    before = {name: weight.clone() for name, weight in model.state_dict().items()}
+    finer = replace(starts(1)[0], settings=replace(SETTINGS, grid_spacing=1 / 32))
+    scenes, plan = [starts(1)[0], finer], FramePlan(4 * EVERY, EVERY)
+    single = model.simulate(scenes, plan, Execution(progress=done.append))
+    assert sum(done) == 2 * plan.steps  # as the simulator by laws counts scenes of two settings
+    double = model.simulate(scenes, plan, Execution(torch.float64))
+    assert (single[0].position.dtype, double[0].position.dtype) == (np.float32, np.float64)
+    np.testing.assert_allclose(single[0].position, double[0].position, atol=1e-5)
+    after = model.state_dict()
+    assert all(weight.dtype == torch.float64 and torch.equal(weight, before[name]) for name, weight in after.items())
 
 
 def trained(folder: Path, bodies: list[SceneRecord], iterations: int, budget: float | None = None) -> OneStepModule:

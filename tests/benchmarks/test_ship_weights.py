@@ -9,14 +9,15 @@ import torch
 
 from benchmarks.ship_weights import LARGEST_BYTES, ship
 from pcnclaws.commands import runs
-from pcnclaws.commands.runs import METRICS, WEIGHTS, laws_for, start_run
+from pcnclaws.commands.runs import METRICS, WEIGHTS, model_for, start_run
 from pcnclaws.errors import UserError
 from pcnclaws.evaluation.builtin import builtin_task, true_records
 from pcnclaws.evaluation.tasks import evaluate_records
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import build_neural_laws
+from pcnclaws.simulation.law_simulator import LawSimulator
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.training.weights import law_weights, write_weights
+from pcnclaws.training.weights import model_weights, write_weights
 
 RESULTS = {
     "training": {"training_scenes": 12, "positions_only": False, "iterations": 200, "best_iteration": 160,
@@ -44,7 +45,7 @@ def finished_run(folder: Path, width: int = 64) -> Path:
             "data": {"seed": 0, "validation_scenes": 2},
         },
     )
-    write_weights(folder / WEIGHTS, law_weights(laws), {"ranges": RESULTS["training"]["ranges"]})
+    write_weights(folder / WEIGHTS, model_weights(LawSimulator(laws)), {"ranges": RESULTS["training"]["ranges"]})
     (folder / METRICS).write_text(json.dumps(RESULTS))
     return folder
 
@@ -60,7 +61,7 @@ def test_shipped_weights_are_those_of_the_run_with_a_card_and_nothing_of_its_pla
         assert expected in text
     assert "somewhere" not in (folder / "config.yaml").read_text()
     monkeypatch.setattr(runs, "PRETRAINED", tmp_path / "pretrained")
-    shipped, own = (law_weights(laws_for(law, MATERIALS["elasticity"])) for law in ("pretrained", str(run)))
+    shipped, own = (model_weights(model_for(law, MATERIALS["elasticity"])) for law in ("pretrained", str(run)))
     assert all(torch.equal(shipped[name], own[name]) for name in own)
 
 
@@ -79,10 +80,10 @@ def test_what_ships_is_small_and_right_on_objects_that_it_never_saw(material: st
     folder = runs.PRETRAINED / material
     assert (folder / WEIGHTS).stat().st_size < LARGEST_BYTES
     assert "Errors on objects that it was not trained on" in (folder / "card.md").read_text(encoding="utf-8")
-    laws = laws_for("pretrained", MATERIALS[material])
+    model = model_for("pretrained", MATERIALS[material])
     records = [record for record in true_records(builtin_task("unseen", MATERIALS[material]), MATERIALS[material])
                if isinstance(record, SceneRecord)]  # fmt: skip
-    results = evaluate_records(records, laws)
+    results = evaluate_records(records, model)
     assert len(results) == 3
     assert mean([result.mse for result in results]) < largest_mse
     assert all((result.stress_error or 1.0) < 0.02 for result in results)

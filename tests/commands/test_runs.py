@@ -12,11 +12,11 @@ from safetensors.torch import save_file
 
 from pcnclaws.commands.runs import CONFIG, METRICS, WEIGHTS, is_finished, laws_for, load_run, start_run
 from pcnclaws.errors import UserError
-from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.elasticity import FixedCorotated
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import build_neural_laws
-from pcnclaws.training.weights import law_weights, read_weights, write_weights
+from pcnclaws.simulation.law_simulator import LawSimulator
+from pcnclaws.training.weights import model_weights, read_weights, write_weights
 
 MODEL = {"name": "pcnclaws", "width": 8}
 CONFIGURATION: dict[str, Any] = {
@@ -29,9 +29,9 @@ CONFIGURATION: dict[str, Any] = {
 RANGES = {"youngs_modulus": [1e5, 2e5], "poissons_ratio": [0.1, 0.3]}
 
 
-def neural_laws(seed: int = 0) -> Laws:
+def neural_model(seed: int = 0) -> LawSimulator:
     torch.manual_seed(seed)
-    return build_neural_laws(MATERIALS["elasticity"], MODEL)
+    return LawSimulator(build_neural_laws(MATERIALS["elasticity"], MODEL))
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def run(tmp_path: Path) -> Path:
     """A finished run folder."""
     folder = tmp_path / "run"
     start_run(folder, CONFIGURATION)
-    write_weights(folder / WEIGHTS, law_weights(neural_laws(1)), {"ranges": RANGES})
+    write_weights(folder / WEIGHTS, model_weights(neural_model(1)), {"ranges": RANGES})
     (folder / METRICS).write_text("{}")
     return folder
 
@@ -49,17 +49,17 @@ def test_a_run_folder_gives_back_its_laws(run: Path) -> None:
     loaded = load_run(moved)
     assert loaded.material.name == "elasticity"
     assert loaded.config == CONFIGURATION
-    expected = law_weights(neural_laws(1))
-    assert expected.keys() == law_weights(loaded.laws).keys()
-    assert all(torch.equal(weight, expected[name]) for name, weight in law_weights(loaded.laws).items())
+    expected = model_weights(neural_model(1))
+    assert expected.keys() == model_weights(loaded.model).keys()
+    assert all(torch.equal(weight, expected[name]) for name, weight in model_weights(loaded.model).items())
 
 
 def test_a_run_folder_of_before_the_groups_of_options_loads_and_is_not_continued(run: Path) -> None:
     """Its options had other names; those that a law is built from have stayed."""
     old = {name: CONFIGURATION[name] for name in ("material", "model")} | {"train": {"iterations": 3, "precision": 32}}
     (run / CONFIG).write_text(yaml.safe_dump(old))
-    expected = law_weights(neural_laws(1))
-    assert all(torch.equal(weight, expected[name]) for name, weight in law_weights(load_run(run).laws).items())
+    expected = model_weights(neural_model(1))
+    assert all(torch.equal(weight, expected[name]) for name, weight in model_weights(load_run(run).model).items())
     groups = {"trainer": {"devices": None}, "callbacks": {"early_stopping": {"patience": None}}}
     with pytest.raises(UserError, match="holds a run of another configuration .*accepted: .*overwrite=true") as refused:
         is_finished(run, CONFIGURATION | groups)
@@ -96,16 +96,16 @@ def test_weights_that_do_not_fit_the_configuration_are_refused(run: Path) -> Non
     (run / CONFIG).write_text(yaml.safe_dump(wider))
     with pytest.raises(UserError, match="the weights do not fit the configuration: 'elasticity.*has shape"):
         load_run(run)
-    weights = law_weights(neural_laws())
+    weights = model_weights(neural_model())
     name, _ = weights.popitem()
     write_weights(run / WEIGHTS, weights, {})
     (run / CONFIG).write_text(yaml.safe_dump(CONFIGURATION))
     with pytest.raises(UserError, match=f"'{name}' is missing"):
         load_run(run)
-    write_weights(run / WEIGHTS, law_weights(neural_laws()) | {"other": torch.zeros(2)}, {})
+    write_weights(run / WEIGHTS, model_weights(neural_model()) | {"other": torch.zeros(2)}, {})
     with pytest.raises(UserError, match="'other' is not part of the law"):
         load_run(run)
-    write_weights(run / WEIGHTS, {key: weight / 0.0 for key, weight in law_weights(neural_laws()).items()}, {})
+    write_weights(run / WEIGHTS, {key: weight / 0.0 for key, weight in model_weights(neural_model()).items()}, {})
     with pytest.raises(UserError, match="not finite"):
         load_run(run)
 

@@ -13,6 +13,7 @@ from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.law_simulator import LawSimulator
 from pcnclaws.training.callbacks import BestWeights, History
 from pcnclaws.training.sources import TrainingScenes
 from pcnclaws.training.trainer import FitResult
@@ -24,11 +25,11 @@ def test_a_test_scene_that_diverges_is_noted_and_the_results_are_kept(tmp_path: 
     low = record.position - np.array([0.0, 0.135, 0.0], dtype=np.float32)
     falls = replace(record, name="out", position=low, initial_velocity=downwards, velocity=None, keyframes=None)
     falls = replace(falls, settings=SimulationSettings(wall_distance=0.0))
-    laws = analytic_laws(MATERIALS["sand"])
+    model = LawSimulator(analytic_laws(MATERIALS["sand"]))
     scenes = TrainingScenes([record], [record], [record, falls], MATERIALS["sand"].ranges)
     notes = {"material": "sand", "regime": "multi_scene", "positions_only": False, "iterations": 1}
-    fitted = FitResult(History(), BestWeights(laws), 0)
-    results = {"untrained": laws, "trained": laws, "started": 0.0, "execution": Execution()}
+    fitted = FitResult(History(), BestWeights(model), 0)
+    results = {"untrained": model, "trained": model, "started": 0.0, "execution": Execution()}
     report = Report(tmp_path, scenes, fitted, notes, **results)
     console = Console(width=120)
     with console.capture() as said:

@@ -14,6 +14,7 @@ from pcnclaws.commands.typed import plain
 from pcnclaws.commands.typed_configs import TrainConfig
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.simulation.law_simulator import LawSimulator
 from pcnclaws.simulation.records import SceneRecord
 
 OF_INITIAL = {"iterations": 120, "batch_segments": 2, "check_every": 30, "start": "initial"}
@@ -37,7 +38,7 @@ class Settle:
         self.scenes, self.training, self.notes = scenes, list[dict[str, Any]](), list[str]()
 
     def __call__(self, config: TrainConfig) -> None:
-        settled, notes = settled_start(config, analytic_laws(MATERIALS["elasticity"]), self.scenes)
+        settled, notes = settled_start(config, LawSimulator(analytic_laws(MATERIALS["elasticity"])), self.scenes)
         self.training.append(plain(settled.training))
         self.notes += notes
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -22,10 +23,14 @@ from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.provenance import provenance
 from pcnclaws.rendering.comparison_sheet import Pair
-from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
+from pcnclaws.simulation.law_simulator import LawSimulator
+from pcnclaws.simulation.motion import SceneSimulator
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.scenes import SceneStart
 
-ANALYTIC = analytic_laws(MATERIALS["sand"])
+ANALYTIC = LawSimulator(analytic_laws(MATERIALS["sand"]))
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +46,24 @@ def test_the_law_that_made_a_scene_has_no_error(records: list[SceneRecord]) -> N
     for record, result in zip(records, evaluate_records(records, ANALYTIC), strict=True):
         assert (result.name, result.mse, result.stress_error) == (record.name, 0.0, 0.0)
         np.testing.assert_array_equal(result.predicted.position, record.position)
+
+
+class Still(SceneSimulator):
+    """A simulator of one's own: nothing ever moves."""
+
+    def simulate(
+        self, starts: Sequence[SceneStart], plan: FramePlan, execution: Execution = SINGLE_ON_CPU
+    ) -> list[SceneRecord]:
+        records = ANALYTIC.simulate(starts, plan._replace(keyframe_every=0), execution)
+        return [replace(record, position=np.repeat(record.position[:1], len(record.time), 0)) for record in records]
+
+
+def test_whatever_simulates_is_evaluated_by_its_positions(records: list[SceneRecord]) -> None:
+    for record, result in zip(records, evaluate_records(records, Still()), strict=True):
+        expected = np.square(record.position.astype(float) - record.position[0]).mean()
+        assert result.mse == pytest.approx(expected, rel=1e-5)
+        assert result.stress_error is None
+        assert result.energy_error is None
 
 
 def test_errors_are_those_of_the_metrics(records: list[SceneRecord]) -> None:

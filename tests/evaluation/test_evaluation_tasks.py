@@ -28,13 +28,14 @@ from pcnclaws.metrics import object_size
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.rendering.maps import MapAxis, cell_edges
 from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.law_simulator import LawSimulator
 from pcnclaws.simulation.placement import require_inside
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.time_step import stability_of, stable_cfl
 
-ANALYTIC = analytic_laws(MATERIALS["sand"])
+ANALYTIC = LawSimulator(analytic_laws(MATERIALS["sand"]))
 SAND_PLAN = DataSetPlan(MATERIALS["sand"])
 UP = np.array([0.0, 1.0, 0.0], np.float32)
 SAND_DEFAULTS = MATERIALS["sand"].defaults

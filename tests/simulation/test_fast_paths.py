@@ -23,6 +23,7 @@ from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.simulate import simulate
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.fast_paths import Skips
+from pcnclaws.simulation.law_simulator import LawSimulator
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.rollout import differentiable_rollout
@@ -169,8 +170,8 @@ def test_frozen_weights_get_no_gradients() -> None:
 
 def test_an_evaluation_is_the_same_with_the_switches_off() -> None:
     records = recorded(small_cube("a"), small_cube("b", velocity=(0.0, -1.0, 1.0)))
-    laws = analytic_laws(MATERIALS["sand"])
-    kept, computed = (evaluate_records(records, laws, Execution(torch.float64, skips=skips)) for skips in (ON, OFF))
+    model = LawSimulator(analytic_laws(MATERIALS["sand"]))
+    kept, computed = (evaluate_records(records, model, Execution(torch.float64, skips=skips)) for skips in (ON, OFF))
     for a, b in zip(kept, computed, strict=True):
         np.testing.assert_allclose(a.predicted.position, b.predicted.position, atol=1e-7)
 

@@ -18,6 +18,7 @@ from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import build_neural_laws
+from pcnclaws.simulation.law_simulator import LawSimulator
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.tensor_types import Matrices, Parameters
 from pcnclaws.training import watched
@@ -25,7 +26,7 @@ from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
 from pcnclaws.training.single_scene import SingleSceneModule
 from pcnclaws.training.trainer import FitResult, fit
-from pcnclaws.training.weights import law_weights
+from pcnclaws.training.weights import model_weights
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +75,10 @@ def test_with_one_scene_both_regimes_give_the_same_weights(records: list[SceneRe
         torch.manual_seed(3)
         laws = build_neural_laws(MATERIALS["elasticity"], {"name": "pcnclaws", "width": 8})
         trained(regime, laws, regime.choose_scenes(records[:1], None), tmp_path / regime.__name__)
-        weights.append(law_weights(laws))
-    untrained = law_weights(build_neural_laws(MATERIALS["elasticity"], {"name": "pcnclaws", "width": 8}))
+        weights.append(model_weights(LawSimulator(laws)))
+    untrained = model_weights(
+        LawSimulator(build_neural_laws(MATERIALS["elasticity"], {"name": "pcnclaws", "width": 8}))
+    )
     assert any(not torch.equal(weights[0][name], untrained[name]) for name in untrained)
     for name, weight in weights[0].items():
         assert torch.equal(weight, weights[1][name]), name
