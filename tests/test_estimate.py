@@ -60,6 +60,7 @@ def test_it_finds_the_truth_and_leaves_a_table_a_file_pictures_and_the_motion(es
         assert word in outcome.out
 
 
+@pytest.mark.slow
 def test_the_gradient_descent_of_the_paper_comes_near(estimated, tmp_path: Path) -> None:
     guess = ["initial_guess.youngs_modulus=7e4", "initial_guess.poissons_ratio=0.2", "screening=0", "picture=false"]
     outcome = estimated("estimator=adam", "estimator.iterations=40", *guess)
@@ -192,6 +193,7 @@ def test_wrong_input_is_one_line_exit_2_and_no_result(arguments: list[str], mess
     assert [path.name for path in tmp_path.iterdir()] == ["x.h5"]
 
 
+@pytest.mark.slow
 def test_two_bodies_of_different_stiffness_are_told_at_once(estimated, tmp_path) -> None:
     one = start("elasticity")
     apart = np.concatenate((one.position - np.array((0.2, 0.0, 0.0)), one.position + np.array((0.2, 0.02, 0.0))))

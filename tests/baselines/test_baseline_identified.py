@@ -53,6 +53,7 @@ def test_both_laws_share_the_unknowns() -> None:
     assert set(map(id, laws.plasticity.parameters())) == set(map(id, laws.elasticity.parameters()))
 
 
+@pytest.mark.slow
 def test_training_approaches_the_truth(tmp_path: Path) -> None:
     quiet_lightning()
     bodies = recorded(1)

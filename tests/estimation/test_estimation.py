@@ -240,6 +240,7 @@ def test_a_guess_that_is_too_stiff_for_the_time_step_is_softened_until_it_runs()
     assert np.isfinite(problem.mse([softer])[0])
 
 
+@pytest.mark.slow
 def test_the_calibrated_error_covers_the_differences_that_it_was_made_from() -> None:
     scenes = [start("elasticity", youngs_modulus=modulus) for modulus in (8e4, 1.2e5, 1.6e5)]
     laws = analytic_laws(MATERIALS["elasticity"])
