@@ -1,7 +1,6 @@
 """A law of one's own, from a function to a motion: a metal that hardens: python examples/04_your_own_law.py
 
-The function is written once; its kernel, with derivatives, is made from it. Nothing is registered and nothing edited.
-Leaves a picture in outputs/examples. `small`: a short run.
+Its kernel, with derivatives, is made from the function. Leaves a picture in outputs/examples. `small`: a short run.
 """
 
 import sys
@@ -43,14 +42,16 @@ METAL = pc.Material("metal", StVKHencky, Hardening, RANGES | {"hardening_modulus
 
 def main() -> None:
     body = pc.Body.cube(side=0.3, centre=(0.5, 0.3, 0.5), particles_per_edge=6 if SMALL else 12)
-    soft = pc.Scene(body, pc.analytic_law(METAL), velocity=(0, -6, 0), yield_stress=2e3, hardening_modulus=0.0)
-    scenes = [soft.with_(hardening_modulus=modulus) for modulus in (0.0, 3e4, 2e5)]
+    soft = pc.Scene(body, pc.analytic_law(METAL), velocity=(0, -3, 0), yield_stress=2e3, hardening_modulus=0.0)
+    scenes = [soft.with_(hardening_modulus=modulus) for modulus in (0.0, 1e4, 5e4)]
     figure = Figure(figsize=(9, 3), layout="constrained")
-    axes = figure.subplots(1, 3, sharey=True)
-    for panel, scene, motion in zip(axes, scenes, pc.simulate_scenes(scenes, 100 if SMALL else 500), strict=True):
+    axes = figure.subplots(1, 3, sharex=True, sharey=True)
+    for panel, scene, motion in zip(axes, scenes, pc.simulate_scenes(scenes, 100 if SMALL else 300), strict=True):
         x, y, _ = motion.position[-1].T
         panel.scatter(x, y, s=4)
-        panel.set(title=f"H = {scene.parameters['hardening_modulus']:g} Pa", xlabel="x [m]", aspect="equal")
+        panel.set(
+            title=f"H = {scene.parameters['hardening_modulus']:g} Pa", xlabel="x [m]", ylabel="y [m]", aspect="equal"
+        )
         print(f"H = {scene.parameters['hardening_modulus']:g} Pa: {float(y.max() - y.min()):.3f} m high at the end")
     PICTURE.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(PICTURE, dpi=150)
