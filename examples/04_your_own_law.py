@@ -16,8 +16,7 @@ from pcnclaws.laws.elasticity import StVKHencky
 from pcnclaws.laws.operations import deviator, norm, where
 from pcnclaws.laws.parameters import POISSONS_RATIO, YIELD_STRESS, YOUNGS_MODULUS
 
-SMALL = "small" in sys.argv[1:]
-PICTURE = Path("outputs/examples/04_your_own_law.png")
+PICTURE, STEPS = Path("outputs/examples/04_your_own_law.png"), 100 if "small" in sys.argv[1:] else 300
 HARDENING = pc.Parameter("hardening_modulus", "H", "Pa", lower_included=True, logarithmic=True, search=(1e2, 1e8))
 
 
@@ -36,23 +35,21 @@ class Hardening(pc.Plasticity):
         return [x - share * d for x, d in zip(h, dev, strict=True)], {"plastic_strain": p.plastic_strain + amount}
 
 
-RANGES = {"youngs_modulus": (2e5, 6e5), "poissons_ratio": (0.2, 0.4), "yield_stress": (1e3, 5e3)}
-METAL = pc.Material("metal", StVKHencky, Hardening, RANGES | {"hardening_modulus": (0.0, 2e5)})
+ELASTIC = {"youngs_modulus": (2e5, 6e5), "poissons_ratio": (0.2, 0.4)}
+METAL = pc.Material("metal", StVKHencky, Hardening, ELASTIC | {"yield_stress": (1e3, 5e3), HARDENING.name: (0.0, 1e5)})
 
 
 def main() -> None:
-    body = pc.Body.cube(side=0.3, centre=(0.5, 0.3, 0.5), particles_per_edge=6 if SMALL else 12)
+    body = pc.Body.cube(side=0.3, centre=(0.5, 0.3, 0.5), particles_per_edge=6 if STEPS == 100 else 12)
     soft = pc.Scene(body, pc.analytic_law(METAL), velocity=(0, -3, 0), yield_stress=2e3, hardening_modulus=0.0)
     scenes = [soft.with_(hardening_modulus=modulus) for modulus in (0.0, 1e4, 5e4)]
     figure = Figure(figsize=(9, 3), layout="constrained")
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
-    for panel, scene, motion in zip(axes, scenes, pc.simulate_scenes(scenes, 100 if SMALL else 300), strict=True):
+    for panel, scene, motion in zip(axes, scenes, pc.simulate_scenes(scenes, STEPS), strict=True):
         x, y, _ = motion.position[-1].T
         panel.scatter(x, y, s=4)
-        panel.set(
-            title=f"H = {scene.parameters['hardening_modulus']:g} Pa", xlabel="x [m]", ylabel="y [m]", aspect="equal"
-        )
-        print(f"H = {scene.parameters['hardening_modulus']:g} Pa: {float(y.max() - y.min()):.3f} m high at the end")
+        panel.set(title=f"H = {scene.parameters[HARDENING.name]:g} Pa", xlabel="x [m]", ylabel="y [m]", aspect="equal")
+        print(f"{panel.get_title()}: {float(y.max() - y.min()):.3f} m high at the end")
     PICTURE.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(PICTURE, dpi=150)
 
