@@ -56,3 +56,7 @@ def _import_plugins(overrides: Sequence[str]) -> None:
                 raise UserError(
                     f"plugins={module} cannot be imported ({error}); accepted: modules that Python finds from here"
                 ) from error
+            except UserError:
+                raise
+            except Exception as error:  # whatever their code raises
+                raise UserError(f"plugins={module} fails: {type(error).__name__}: {error}") from error

@@ -27,7 +27,7 @@ from pcnclaws.laws.parameters import validate_parameters
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.fast_paths import Skips
-from pcnclaws.simulation.placement import require_inside, require_volume
+from pcnclaws.simulation.placement import require_inside, require_loaded, require_volume
 from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.time_step import stability_of
 
@@ -95,6 +95,7 @@ def start_from(config: SimulateConfig) -> SceneStart:
         raise two_densities(settings.density)
     require_volume(body.volume, settings, _where(config.scene))
     require_inside(body.position, settings, _where(config.scene))
+    require_loaded(body.position, settings, "scene")
     file = config.scene.particles or config.scene.mesh
     name = config.scene.name or (Path(str(file)).stem if file else config.scene.shape)
     start = SceneStart(str(name), material.name, settings, parameters, **body._asdict())

@@ -127,7 +127,7 @@ def shipped_folder(material: Material) -> Path:
     if not folder.is_dir():
         raise UserError(
             f"law=pretrained: no weights ship for {material.name}; train some with "
-            f"'python -m pcnclaws.train experiment={material.name}_multi' and name its run folder"
+            f"'python -m pcnclaws.train material={material.name}' and name its run folder"
         )
     return folder
 

@@ -18,6 +18,10 @@ class Untraceable(TypeError):
     """A function that cannot become a kernel: it does something else than arithmetic with its numbers."""
 
 
+class Branches(Untraceable):
+    """A function that decides by a number, of which each particle has its own."""
+
+
 class Symbol:
     """A number of a traced function: an input, a constant, or the result of an operation on others.
 
@@ -85,7 +89,7 @@ class Symbol:
         return self.trace.compare("le", self, other)
 
     def __bool__(self) -> bool:
-        raise Untraceable("it branches on a number; accepted: where(condition, yes, no)")
+        raise Branches("it branches on a number; accepted: where(condition, yes, no)")
 
     def __float__(self) -> float:
         raise Untraceable("it turns a number of its own into a Python float")
@@ -114,7 +118,7 @@ class Condition:
         return self.trace.condition("not", self)
 
     def __bool__(self) -> bool:
-        raise Untraceable("it branches on a number; accepted: where(condition, yes, no)")
+        raise Branches("it branches on a number; accepted: where(condition, yes, no)")
 
 
 class Trace:

@@ -28,7 +28,7 @@ from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.batch import SceneBatch, batch_scenes
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.particle_spacing import warn_of_sparse_particles
-from pcnclaws.simulation.placement import require_inside, require_volume
+from pcnclaws.simulation.placement import require_inside, require_loaded, require_volume
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.rollout import positions_at
@@ -235,6 +235,7 @@ class Scene:
             )
         require_volume(self.body.cloud.volume, settings, what)
         require_inside(self.body.cloud.position, settings, what)
+        require_loaded(self.body.cloud.position, settings, what)
         varying = {
             name: value.detach().double().cpu().numpy()
             for name, value in self._values.items()

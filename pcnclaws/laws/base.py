@@ -19,7 +19,8 @@ from torch import Tensor, nn
 from pcnclaws.compiled.calls import kernels_serve
 from pcnclaws.compiled.isotropic_laws import LawArrays, isotropic_law, law_serves
 from pcnclaws.compiled.law_source import LawKernel, LawShape, law_kernel
-from pcnclaws.compiled.symbols import Symbol, Untraceable, derivative
+from pcnclaws.compiled.symbols import Branches, Symbol, Untraceable, derivative
+from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.laws import principal
 from pcnclaws.laws.internal_variables import InternalVariable, start_values
 from pcnclaws.laws.networks import ConditionalMLP
@@ -152,11 +153,14 @@ class Law(nn.Module, ABC):
                 shape,
                 self.features if network is not None else None,
                 lambda h, x, p, f: self.respond(
-                    h, SimpleNamespace(**dict(zip((*names, *remembered), p, strict=True))), x, f
+                    h, _Known(type(self).__name__, dict(zip((*names, *remembered), p, strict=True))), x, f
                 ),
             )
+        except Branches as error:
+            raise UserError(f"the law {type(self).__name__} cannot run: {error}") from error
         except (Untraceable, TypeError) as error:
-            log.warning("the law %s runs in PyTorch, without a kernel: %s", type(self).__name__, error)
+            hint = "" if isinstance(error, Untraceable) else "; formulas use pcnclaws.laws.operations"
+            log.warning("the law %s runs in PyTorch, without a kernel: %s%s", type(self).__name__, error, hint)
             return None
 
     def kernel_rows(self, parameters: Parameters) -> Float[Tensor, "rows particles"]:
@@ -182,11 +186,12 @@ class Law(nn.Module, ABC):
 
         return of_strains
 
-    def _formula_inputs(self, known: Parameters) -> SimpleNamespace:
+    def _formula_inputs(self, known: Parameters) -> "_Known":
         """What formulas read as p.<name>, in double precision; internal variables at their start where not given."""
         starts = {variable.name: variable.start for variable in self.internal_variables}
         read = {**starts, **self.coefficients(known), **{name: known[name] for name in starts if name in known}}
-        return SimpleNamespace(**{n: v.double() if isinstance(v, Tensor) else v for n, v in read.items()})
+        doubled = {n: v.double() if isinstance(v, Tensor) else v for n, v in read.items()}
+        return _Known(type(self).__name__, doubled)
 
     @property
     def _network(self) -> ConditionalMLP | None:
@@ -196,7 +201,24 @@ class Law(nn.Module, ABC):
 
     def _coefficient_names(self) -> tuple[str, ...]:
         anything = {name: torch.full((1,), 0.25) for name in (*self.parameter_names, TIME_STEP)}
-        return tuple(self.coefficients(anything))
+        try:
+            return tuple(self.coefficients(anything))
+        except KeyError as error:
+            raise unknown_name(
+                f"the law {type(self).__name__}: parameter", error.args[0], self.parameter_names
+            ) from error
+
+
+class _Known(SimpleNamespace):
+    """What formulas read as p.<name>."""
+
+    def __init__(self, law: str, values: Mapping[str, Any]) -> None:
+        super().__init__(**values)
+        self.__dict__["_law"] = law
+
+    def __getattr__(self, name: str) -> Any:
+        known = [one for one in vars(self) if one != "_law"]
+        raise unknown_name(f"the law {vars(self).get('_law')}: p", name, known)
 
 
 def _gradient(function: Callable[[Values], Any], h: Values) -> Values:
@@ -256,7 +278,10 @@ class Elasticity(Law):
 
     def principal_energy(self, h: Values, p: Any) -> Any:
         """Energy per initial volume [J/m^3] of principal Hencky strains h."""
-        raise NotImplementedError(f"{type(self).__name__} states no energy")
+        raise NotImplementedError(
+            f"the law {type(self).__name__} states no energy; accepted: principal_energy, or else principal_stress or "
+            "kirchhoff_stress"
+        )
 
     def kirchhoff_stress(self, deformation: Matrices, parameters: Parameters) -> Matrices:
         """Kirchhoff stress tau = P F^T [Pa], (3, 3, particles), symmetric.
@@ -330,8 +355,20 @@ class Plasticity(Law):
 
     def respond(self, h: Values, p: Any, x: Values, f: Values) -> Values:
         """Three strains after plastic flow, then the internal variables after it."""
-        strains, changed = self.flow(h, p)
-        return [*strains, *(changed.get(one.name, getattr(p, one.name)) for one in self.internal_variables)]
+        given = self.flow(h, p)
+        if not isinstance(given, tuple) or len(given) != 2:
+            raise UserError(
+                f"the law {type(self).__name__}: flow gives {type(given).__name__}; accepted: three strains, and the "
+                "internal variables by name"
+            )
+        strains, changed = given
+        known = [variable.name for variable in self.internal_variables]
+        for name in changed:
+            if name not in known:
+                raise unknown_name(f"the law {type(self).__name__}: internal variable", name, known)
+        if type(self).flow is not Plasticity.flow and (missing := [name for name in known if name not in changed]):
+            raise UserError(f"the law {type(self).__name__}: flow gives no {missing[0]}; accepted: {', '.join(known)}")
+        return [*strains, *(changed.get(name, getattr(p, name)) for name in known)]
 
     @property
     def is_principal(self) -> bool:

@@ -15,6 +15,7 @@ from pcnclaws.laws.internal_variables import InternalVariable, start_values
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.laws.parameters import Parameter
+from pcnclaws.laws.registry import check_material
 from pcnclaws.layout import particles_first, particles_last
 
 LawKind = TypeVar("LawKind", bound=nn.Module)
@@ -155,9 +156,10 @@ class ConstitutiveModel(nn.Module):
         """The rows of some internal variables, (variables, particles), None without any."""
         every = self.laws.internal_variables
         expected = (*given.shape[:-2], len(every))
-        if internal is not None and tuple(internal.shape) != expected:
+        if internal is not None and (not isinstance(internal, Tensor) or tuple(internal.shape) != expected):
+            got = f"a tensor {tuple(internal.shape)}" if isinstance(internal, Tensor) else type(internal).__name__
             raise UserError(
-                f"internal is a tensor {tuple(internal.shape)}; accepted: {expected}, "
+                f"internal is {got}; accepted: a tensor {expected}, "
                 f"{', '.join(self.internal_names) or 'of a law without internal variables'}"
             )
         if not variables:
@@ -175,7 +177,7 @@ def analytic_law(material: str | Material) -> ConstitutiveModel:
     material  its name, or the material itself, which need not be registered
     raises    UserError for an unknown material, with the nearest known one
     """
-    known = material if isinstance(material, Material) else material_named(material)
+    known = _known(material)
     return ConstitutiveModel(known, analytic_laws(known))
 
 
@@ -187,9 +189,16 @@ def neural_law(material: str | Material, network: str = "pcnclaws", width: int |
     width    of the hidden layers, the network's own unless given
     raises   UserError for unknown names, with the nearest known one
     """
-    known = material if isinstance(material, Material) else material_named(material)
+    known = _known(material)
     laws = build_neural_laws(known, {"name": network} if width is None else {"name": network, "width": width})
     return ConstitutiveModel(known, laws, source=network)
+
+
+def _known(material: str | Material) -> Material:
+    if isinstance(material, Material):
+        check_material(material)
+        return material
+    return material_named(material)
 
 
 def _variables_last(internal: Tensor, like: Tensor) -> Tensor:

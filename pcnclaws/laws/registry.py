@@ -37,6 +37,12 @@ class Network:
         return resolved(self.plastic)
 
 
+# What scenes, laws and loops call something else.
+RESERVED = (
+    *("body", "law", "velocity", "spin", "settings", "colliders", "loads", "name", "start_time"),
+    *("internal", "dt", "time_step", "steps", "every", "dtype", "device"),
+)
+
 NETWORKS: dict[str, Network] = {
     network.name: network
     for network in (
@@ -72,10 +78,10 @@ def register(thing: Material | Network) -> None:
     if not isinstance(thing, Material):
         raise UserError(f"register got {thing!r}; accepted: a Material or a Network")
     _require_free("material", thing.name, thing, MATERIALS)
+    check_material(thing)
     own = {parameter.name: parameter for parameter in thing.physical_parameters}
     for name, parameter in own.items():
         _require_free("parameter", name, parameter, PARAMETERS)
-    _check_ranges(thing)
     PARAMETERS.update(own)
     MATERIALS[thing.name] = thing
 
@@ -83,6 +89,34 @@ def register(thing: Material | Network) -> None:
 def _require_free(kind: str, name: str, thing: object, table: dict[str, Any]) -> None:
     if table.get(name, thing) != thing:
         raise UserError(f"{kind} '{name}' is there already, and another one; accepted: another name")
+
+
+def check_material(material: Material) -> None:
+    """Refuses laws that are none, names that mean something else, and ranges that do not fit, with a UserError."""
+    # the classes of laws load PyTorch, which those of built-in materials are not needed for
+    from pcnclaws.laws.base import Elasticity, Plasticity
+    from pcnclaws.laws.viscosity import Viscosity
+
+    for field, law, kind in (
+        ("elastic", material.elasticity, Elasticity),
+        ("plastic", material.plasticity, Plasticity),
+        ("viscous", material.viscosity, Viscosity),
+    ):
+        if not (isinstance(law, type) and issubclass(law, kind)) and (law is not None or field == "elastic"):
+            optional = "" if field == "elastic" else ", or None"
+            raise UserError(
+                f"material '{material.name}': {field}={law!r} is not accepted; accepted: a class of "
+                f"{kind.__name__}{optional}"
+            )
+    if not material.physical_parameters:
+        raise UserError(f"material '{material.name}': its laws name no physical_parameters; accepted: one or more")
+    for parameter in material.physical_parameters:
+        if parameter.name in RESERVED or not parameter.name.isidentifier():
+            raise UserError(
+                f"material '{material.name}': a parameter cannot be called '{parameter.name}'; accepted: a word of "
+                f"Python but for {', '.join(RESERVED)}"
+            )
+    _check_ranges(material)
 
 
 def _check_ranges(material: Material) -> None:

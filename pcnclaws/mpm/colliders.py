@@ -264,10 +264,27 @@ class SignedDistance(Shape):
                     f"collider signed_distance: of {len(places)} positions the function gave {_described(distance)}; "
                     f"accepted: a tensor of ({len(places)},)"
                 )
-            (slope,) = torch.autograd.grad(distance.sum(), places, create_graph=True)
-        if not torch.is_grad_enabled():
+            differentiated = _leaves(distance) - {places}
+            (slope,) = torch.autograd.grad(distance.sum(), places, create_graph=bool(differentiated))
+        if not differentiated or not torch.is_grad_enabled():
             distance, slope = distance.detach(), slope.detach()
         return distance, _unit(slope.T)
+
+
+def _leaves(value: Tensor) -> set[Tensor]:
+    """The tensors that a value is differentiated with respect to."""
+    found: set[Tensor] = set()
+    seen, left = set(), [value.grad_fn]
+    while left:
+        node = left.pop()
+        if node is None or node in seen:
+            continue
+        seen.add(node)
+        leaf = getattr(node, "variable", None)
+        if leaf is not None:
+            found.add(leaf)
+        left += [below for below, _ in node.next_functions]
+    return found
 
 
 SHAPES: Mapping[str, type[Shape]] = {shape.word: shape for shape in (Plane, Sphere, Box, Capsule, Cylinder, Sampled)}
@@ -445,7 +462,10 @@ class Collider:
         raises  UserError for a function, which no file can hold
         """
         if self.shape.word not in SHAPES:
-            raise UserError(f"a collider {self.shape.word} cannot be written to a file; accepted: {', '.join(SHAPES)}")
+            raise UserError(
+                f"a collider {self.shape.word} is a function, which a trajectory file does not hold; accepted: the "
+                "other shapes, or a motion as .npz, .ply, .vtu"
+            )
         motion = {one.name: getattr(self, one.name) for one in fields(self)[1:] if one.default is not MISSING}
         changed = {name: value for name, value in motion.items() if not _same(value, _DEFAULTS[name])}
         options = {"shape": self.shape.word, **vars(self.shape), **changed}

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from pcnclaws.errors import UserError
 from pcnclaws.mpm.diagnostics import domain_in_words, place_outside
-from pcnclaws.mpm.numbers import span_holds
+from pcnclaws.mpm.numbers import scalars, span_holds
 from pcnclaws.mpm.settings import UNIT_BOX, SimulationSettings
 from pcnclaws.simulation.collider_distance import collider_distance
 
@@ -45,6 +45,18 @@ def require_inside(
     raise UserError(
         f"{what}: particle {first}{others} at {where} m is {place}; accepted: {_between(lower, upper)} m{hint}"
     )
+
+
+def require_loaded(position: Float[np.ndarray, "particles 3"], settings: SimulationSettings, what: str) -> None:
+    """Refuses loads that act on no particle with a UserError that names the first."""
+    for number, load in enumerate(settings.loads):
+        low, high = (np.array(scalars(corner)) for corner in (load.low, load.high))
+        if not np.any(np.all((position >= low) & (position <= high), axis=1)):
+            first, last = position.min(0), position.max(0)
+            raise UserError(
+                f"{what}: loads[{number}] from {low.tolist()} to {high.tolist()} m acts on no particle; accepted: a "
+                f"box that holds some of those from {np.round(first, 4).tolist()} to {np.round(last, 4).tolist()} m"
+            )
 
 
 def require_volume(volume: Float[np.ndarray, " particles"], settings: SimulationSettings, what: str) -> None:

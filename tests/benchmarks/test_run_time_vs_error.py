@@ -217,6 +217,7 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
     assert len(results["rows"]) == 4
 
 
+@pytest.mark.slow
 def test_the_document_holds_every_setting_and_a_picture_a_material(in_process: Any, tmp_path: Path) -> None:
     options = [option.replace("[bounce,bar]", "[bar]") for option in TINY]
     outcome = in_process(benchmark, "benchmark", "problem=run_time_vs_error", *options, "output=o")

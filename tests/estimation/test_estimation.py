@@ -188,6 +188,7 @@ def test_plasticine_that_never_yields_tells_no_yield_stress() -> None:
     assert [estimate.identifiable for estimate in found.estimates] == [True, True, False]
 
 
+@pytest.mark.slow
 def test_what_is_fixed_stays_and_is_not_estimated() -> None:
     observation = observed(start("sand"))
     unknowns = unknowns_of(observation, fixed={"poissons_ratio": 0.2})

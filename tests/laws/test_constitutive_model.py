@@ -123,7 +123,10 @@ def test_laws_that_are_not_there_are_refused(tmp_path):
 class Rubber(pc.Elasticity):
     """tau_i = E h_i."""
 
-    physical_parameters: ClassVar = (YOUNGS_MODULUS, pc.Parameter("softening", "s", "-", upper=1.0))
+    physical_parameters: ClassVar = (
+        YOUNGS_MODULUS,
+        pc.Parameter("softening", "s", "-", upper=1.0, lower_included=True),
+    )
 
     def principal_stress(self, h, p):
         return [p.youngs_modulus * strain * (1.0 - p.softening * strain) for strain in h]

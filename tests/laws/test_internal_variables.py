@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -111,8 +112,26 @@ def test_flow_that_takes_time_asks_for_it() -> None:
     for wrong in (None, 0.0):
         with pytest.raises(UserError, match=f"dt={wrong} is not accepted; accepted: the time step"):
             law.return_map(f, dt=wrong, relaxation_time=0.05)
-    with pytest.raises(UserError, match=r"internal is a tensor \(2,\); accepted: \(1,\), softness"):
+    with pytest.raises(UserError, match=r"internal is a tensor \(2,\); accepted: a tensor \(1,\), softness"):
         law.return_map(f, dt=0.1, internal=torch.ones(2), relaxation_time=0.05)
+
+
+@pytest.mark.parametrize(
+    ("given", "fault"),
+    [
+        ({"plastic_strian": 0.0}, "internal variable='plastic_strian' is not known.*did you mean 'plastic_strain'"),
+        ({}, "flow gives no plastic_strain; accepted: plastic_strain"),
+        (None, "flow gives list; accepted: three strains, and the internal variables by name"),
+    ],
+)
+def test_flow_that_forgets_what_it_remembers_is_refused(given: dict[str, float] | None, fault: str) -> None:
+    class Forgetful(HardeningVonMises):
+        def flow(self, h: Any, p: Any) -> Any:
+            return list(h) if given is None else (h, given)
+
+    for backend in ("torch", "auto"):
+        with using_backend(backend), pytest.raises(UserError, match=f"the law Forgetful.*{fault}"):
+            pc.analytic_law(replace(CLAY, plastic=Forgetful)).return_map(torch.eye(3), **dict[str, Any](CLAY.defaults))
 
 
 def _start(material: Material, name: str = "drop", height: float = 0.25) -> SceneStart:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +84,49 @@ def test_what_cannot_become_a_kernel_runs_in_pytorch_and_says_so(caplog: pytest.
     assert law.kernel is None
     assert torch.isfinite(stress).all()
     assert "the law Branching runs in PyTorch, without a kernel" in caplog.text
+
+
+def test_a_law_that_branches_or_misspells_is_refused_in_one_line() -> None:
+    f, given = deformations(1, 0.1), {"youngs_modulus": torch.full((COUNT,), 1e5).double()}
+
+    class Deciding(Branching):
+        def principal_stress(self, h: Values, p: Any) -> Values:
+            return [p.youngs_modulus * strain if strain > 0.0 else strain for strain in h]
+
+    class Misspelt(Branching):
+        def principal_stress(self, h: Values, p: Any) -> Values:
+            return [p.young_modulus * strain for strain in h]
+
+    class Undeclared(Branching):
+        def coefficients(self, parameters: Any) -> Any:
+            return {"mu": parameters["shear_modulus"]}
+
+    with pytest.raises(UserError, match=r"the law Deciding cannot run: it branches on a number; accepted: where"):
+        Deciding()(f, given)
+    with pytest.raises(
+        UserError, match=r"the law Misspelt: p='young_modulus' is not known.*did you mean 'youngs_modulus'"
+    ):
+        Misspelt()(f, given)
+    with pytest.raises(
+        UserError, match=r"the law Undeclared: parameter='shear_modulus' is not known; accepted: youngs"
+    ):
+        Undeclared()(f, given)
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        ({"elastic": None}, "elastic=None is not accepted; accepted: a class of Elasticity"),
+        ({"elastic": CohesiveDruckerPrager}, "accepted: a class of Elasticity"),
+        ({"plastic": CohesiveDruckerPrager()}, "accepted: a class of Plasticity, or None"),
+        ({"ranges": {**SOIL.ranges, "cohesoin": (1.0, 2.0)}}, "did you mean 'cohesion'"),
+        ({"ranges": {**SOIL.ranges, "cohesion": (2.0, 1.0)}}, "accepted: two numbers, increasing"),
+        ({"elastic": Elasticity, "plastic": None}, "its laws name no physical_parameters"),
+    ],
+)
+def test_a_material_that_is_none_is_refused_in_one_line(change: dict[str, Any], fault: str) -> None:
+    with pytest.raises(UserError, match=fault):
+        pc.analytic_law(replace(SOIL, **change))
 
 
 def test_the_cohesive_law_bears_tension_and_no_more() -> None:

@@ -176,7 +176,11 @@ def megabytes_of_a_rollout(steps: int, backend: str) -> float:
 
 
 @LINUX
-@pytest.mark.parametrize(("each_backend", "most"), [("torch", 75), ("compiled", 10)], indirect=["each_backend"])
+@pytest.mark.parametrize(
+    ("each_backend", "most"),
+    [pytest.param("torch", 75, marks=pytest.mark.slow), ("compiled", 10)],
+    indirect=["each_backend"],
+)
 def test_the_memory_of_a_rollout_is_small(each_backend: str, most: int) -> None:
     assert 0 < megabytes_of_a_rollout(20, each_backend) <= most
 
