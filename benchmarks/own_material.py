@@ -32,8 +32,8 @@ class MooneyRivlin(Elasticity):
 
     def principal_energy(self, h: Values, p: Any) -> Any:
         dev, volumetric = deviator(h), trace(h)
-        first = sum(exp(2.0 * d) for d in dev) - 3.0
-        second = sum(exp(-2.0 * d) for d in dev) - 3.0
+        squares = [exp(2.0 * d) for d in dev]
+        first, second = sum(squares) - 3.0, sum(1.0 / square for square in squares) - 3.0
         return p.c1 * first + p.c2 * second + 0.5 * p.bulk * volumetric**2
 
 
