@@ -109,7 +109,7 @@ def draw(document: Mapping[str, Any], folder: Path) -> list[Path]:
     figure, axis = chart(height=1.2 + 0.4 * len(rows))
     for place, row in enumerate(rows):
         axis.barh(place, row["ratio"], 0.7, color=COLOURS[WORK.index(row["work"])])
-        axis.annotate(f"{row['ratio']:.2f}", (row["ratio"], place), (3, 0), textcoords="offset points", va="center")
+        axis.text(0.05, place, f"{row['ratio']:.2f}", va="center", color="white")
     axis.axvline(AT_MOST, color="0.4", linewidth=1.0, linestyle="--")
     axis.set_yticks(range(len(rows)), [f"{row['words']}, {row['work']}" for row in rows], fontsize=7)
     axis.invert_yaxis()
