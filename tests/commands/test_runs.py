@@ -68,7 +68,7 @@ def test_a_run_folder_of_before_the_groups_of_options_loads_and_is_not_continued
 
 def test_law_names() -> None:
     assert isinstance(laws_for("analytic", MATERIALS["elasticity"]).elasticity, FixedCorotated)
-    with pytest.raises(UserError, match=r"law=pretrained: no weights ship for tresca.*experiment=tresca_multi"):
+    with pytest.raises(UserError, match=r"law=pretrained: no weights ship for tresca.*material=tresca"):
         laws_for("pretrained", MATERIALS["tresca"])
     with pytest.raises(UserError, match=r"law=nowhere is not a folder; accepted: analytic, pretrained, or the path"):
         laws_for("nowhere", MATERIALS["sand"])

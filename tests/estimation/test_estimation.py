@@ -87,6 +87,7 @@ def test_the_truth_is_found_again(material: str) -> None:
         assert estimate.interval[0] < true < estimate.interval[1]
 
 
+@pytest.mark.slow
 def test_start_velocity_spin_and_clock_are_found_along() -> None:
     scene = start("elasticity")
     spin, centre = np.array((1.0, 2.0, -1.5)), scene.position.mean(0)
