@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from pcnclaws.tensor_types import Matrices
+from pcnclaws.twofold import Twofold, product_of
 
 Batch = Float[Tensor, "particles 3 3"]
 Values = Float[Tensor, "particles 3"]
@@ -98,24 +99,48 @@ def _completely_pivoted(f: Batch) -> tuple[Tensor, Tensor, Batch, Values, Batch,
     """Rows and columns of F in such an order, and factors, that F[rows_i, columns_j] = (L D U)_ij.
 
     L and U have a diagonal of 1 and no entry above 1, D falls; at last whether the product of both orders is even.
+
+    What elimination leaves of F are its minors over the pivots so far: formed of F itself and to twice the digits, they
+    are right where differences of products cancel.
     """
     count = len(f)
     rest, lower, upper = f.clone(), *(torch.eye(3).to(f).repeat(count, 1, 1) for _ in range(2))
     order = torch.arange(3, device=f.device).repeat(count, 1)
     rows, columns, even = order, order, torch.ones(count, dtype=torch.bool, device=f.device)
+    d = torch.zeros_like(f[:, 0])
     for k in range(3):
         largest = rest[:, k:, k:].abs().flatten(1).argmax(1)
         row, column = k + largest // (3 - k), k + largest % (3 - k)
         of_rows, of_columns = _exchanged(order, row, k), _exchanged(order, column, k)
         rows, columns = rows.gather(1, of_rows), columns.gather(1, of_columns)
-        rest = _ordered(_ordered(rest, of_rows, 1), of_columns, 2)
+        f, rest = (_ordered(_ordered(matrix, of_rows, 1), of_columns, 2) for matrix in (f, rest))
         lower[:, :, :k], upper[:, :k] = _ordered(lower[:, :, :k], of_rows, 1), _ordered(upper[:, :k], of_columns, 2)
         even = even == ((row == k) == (column == k))
-        pivot = rest[:, k, k]
-        safe = torch.where(pivot == 0.0, 1.0, pivot)[:, None]
-        lower[:, k + 1 :, k], upper[:, k, k + 1 :] = rest[:, k + 1 :, k] / safe, rest[:, k, k + 1 :] / safe
-        rest[:, k + 1 :, k + 1 :] -= lower[:, k + 1 :, k, None] * rest[:, k, None, k + 1 :]
-    return rows, columns, lower, rest.diagonal(dim1=1, dim2=2), upper, even
+        pivot = d[:, k] = rest[:, k, k]
+        safe = torch.where(pivot == 0.0, 1.0, pivot)
+        lower[:, k + 1 :, k] = rest[:, k + 1 :, k] / safe[:, None]
+        upper[:, k, k + 1 :] = rest[:, k, k + 1 :] / safe[:, None]
+        if k == 0:
+            rest[:, 1:, 1:] = _minors(f) / safe[:, None, None]
+        elif k == 1:
+            rest[:, 2, 2] = torch.where(pivot == 0.0, 0.0, _determinant(f) / d[:, 0] / safe)
+    return rows, columns, lower, d, upper, even
+
+
+def _minors(f: Batch) -> Float[Tensor, "particles 2 2"]:
+    """F_00 F_ij - F_0j F_i0 for i and j from 1."""
+    kept = product_of(f[:, :1, :1], f[:, 1:, 1:])
+    return kept.plus(product_of(-f[:, :1, 1:], f[:, 1:, :1])).high
+
+
+def _determinant(f: Batch) -> Tensor:
+    first, second, third = f.unbind(2)
+
+    def cofactor(row: int, i: int, j: int) -> Twofold:
+        minor = product_of(second[:, i], third[:, j]).plus(product_of(-second[:, j], third[:, i]))
+        return minor.times(first[:, row])
+
+    return cofactor(0, 1, 2).plus(cofactor(1, 2, 0)).plus(cofactor(2, 0, 1)).high
 
 
 def _exchanged(order: Tensor, other: Tensor, k: int) -> Tensor:

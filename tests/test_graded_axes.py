@@ -89,6 +89,19 @@ def test_logarithms_are_those_of_exact_arithmetic(family: str) -> None:
         assert ((found - expected).abs() / size).max() < 1e-11
 
 
+@pytest.mark.parametrize(
+    "shear", [(-1.1264e15, -3.4713e17, 1.8458e16), (-1.4135e15, 9.2794e16, 1.1182e15), (8.3583e12, -1.0267e13, -6.2e12)]
+)
+def test_minors_that_cancel_keep_their_digits(shear: tuple[float, float, float]) -> None:
+    """Elimination leaves 1e-14 of numbers that differ by as much: it lost the smallest stretch by 1e-3."""
+    f = torch.eye(3, dtype=torch.float64)[:, :, None].clone()
+    f[0, 1], f[0, 2], f[1, 2] = torch.tensor(shear).float().double()[:, None]
+    parameters = per_particle({"youngs_modulus": 1.0, "poissons_ratio": 0.0}, 1)
+    expected = _exact_strain(f[:, :, 0])
+    for found in (hencky_strain(f), StVKHencky()(f, parameters)):
+        torch.testing.assert_close(found[:, :, 0], expected, rtol=0.0, atol=1e-12)
+
+
 @FAMILY
 def test_gradients_agree(family: str) -> None:
     """Where stretches lie within the range of bodies: beyond, gradients leave the range of numbers."""

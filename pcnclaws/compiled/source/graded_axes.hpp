@@ -11,8 +11,31 @@ struct GradedAxes {
     bool upright;
 };
 
+// A number to twice the digits of one (Dekker 1971, "A floating-point technique for extending the available precision").
+struct Twofold {
+    double high, low;
+
+    static Twofold sum(double a, double b) {
+        const double high = a + b, part = high - a;
+        return {high, (a - (high - part)) + (b - part)};
+    }
+    static Twofold product(double a, double b) {
+        const double high = a * b;
+        return {high, std::fma(a, b, -high)};
+    }
+    Twofold operator+(const Twofold& other) const {
+        const Twofold total = sum(high, other.high);
+        return sum(total.high, total.low + (low + other.low));
+    }
+    Twofold operator*(double factor) const {
+        const Twofold whole = product(high, factor);
+        return sum(whole.high, std::fma(low, factor, whole.low));
+    }
+};
+
 // Rows and columns of `a` in such an order, and factors, that a[rows[i]][columns[j]] = (L D U)_ij; L and U have a
-// diagonal of 1 and no entry above 1, D falls.
+// diagonal of 1 and no entry above 1, D falls. What elimination leaves of `a` are its minors over the pivots so far:
+// formed of `a` itself and to twice the digits, they are right where differences of products cancel.
 struct CompletelyPivoted {
     int rows[3] = {0, 1, 2}, columns[3] = {0, 1, 2};
     double l[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, d[3] = {}, u[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
@@ -22,16 +45,13 @@ struct CompletelyPivoted {
         double rest[3][3];
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++) rest[i][j] = a[i][j];
-        for (int k = 0; k < 3; k++) {
-            pivot_on_largest(rest, k);
-            const double pivot = d[k] = rest[rows[k]][columns[k]];
-            for (int i = k + 1; i < 3 && pivot != 0.0; i++) {
-                l[i][k] = rest[rows[i]][columns[k]] / pivot;
-                u[k][i] = rest[rows[k]][columns[i]] / pivot;
-            }
-            for (int i = k + 1; i < 3; i++)
-                for (int j = k + 1; j < 3; j++) rest[rows[i]][columns[j]] -= l[i][k] * rest[rows[k]][columns[j]];
-        }
+        eliminate(rest, 0);
+        for (int i = 1; i < 3 && d[0] != 0.0; i++)
+            for (int j = 1; j < 3; j++) rest[rows[i]][columns[j]] = minor(a, 0, i, 0, j).high / d[0];
+        eliminate(rest, 1);
+        if (d[1] == 0.0) return;
+        auto cofactor = [&](int row, int i, int j) { return minor(a, i, j, 1, 2) * a[rows[row]][columns[0]]; };
+        d[2] = (cofactor(0, 1, 2) + cofactor(1, 2, 0) + cofactor(2, 0, 1)).high / d[0] / d[1];
     }
 
     // det F > 0, by the signs alone
@@ -41,6 +61,20 @@ struct CompletelyPivoted {
     }
 
    private:
+    // Of two rows and two columns, as they are ordered by now.
+    Twofold minor(const double a[3][3], int i, int j, int k, int l) const {
+        const double *first = a[rows[i]], *second = a[rows[j]];
+        return Twofold::product(first[columns[k]], second[columns[l]]) +
+               Twofold::product(-first[columns[l]], second[columns[k]]);
+    }
+    void eliminate(const double rest[3][3], int k) {
+        pivot_on_largest(rest, k);
+        d[k] = rest[rows[k]][columns[k]];
+        for (int i = k + 1; i < 3 && d[k] != 0.0; i++) {
+            l[i][k] = rest[rows[i]][columns[k]] / d[k];
+            u[k][i] = rest[rows[k]][columns[i]] / d[k];
+        }
+    }
     void pivot_on_largest(const double rest[3][3], int k) {
         int row = k, column = k;
         for (int i = k; i < 3; i++)

@@ -34,6 +34,7 @@ using ::erfc;
 using ::exp;
 using ::fabs;
 using ::floor;
+using ::fma;
 using ::frexp;
 using ::ldexp;
 using ::log;
