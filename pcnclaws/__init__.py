@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pcnclaws.commands.law_loading import load_law
+    from pcnclaws.compiled.backend import use_backend, using_backend
     from pcnclaws.errors import CannotWrite, SimulationDiverged, UserError
     from pcnclaws.geometry.body import Body
     from pcnclaws.interface.motion import Motion
@@ -51,6 +52,8 @@ __all__ = [
     "neural_law",
     "register",
     "simulate_scenes",
+    "use_backend",
+    "using_backend",
 ]
 
 _MODULES = {
@@ -78,6 +81,8 @@ _MODULES = {
     "neural_law": "laws.constitutive_model",
     "register": "laws.registry",
     "simulate_scenes": "interface.scene",
+    "use_backend": "compiled.backend",
+    "using_backend": "compiled.backend",
 }
 
 

@@ -49,9 +49,9 @@ def reason(error: OSError) -> str:
     return f"{text[:1].lower()}{text[1:]}"
 
 
-def unknown_name(option: str, name: object, known: Iterable[str]) -> UserError:
-    """The error for a name that is not in a table, with the nearest known name when one is close."""
+def unknown_name(option: str, name: object, known: Iterable[str], more: str = "") -> UserError:
+    """The error for a name that is not in a table, with the nearest known name when one is close, or else `more`."""
     choices = sorted(known)
     close = get_close_matches(str(name), choices, n=1, cutoff=0.5)
-    hint = f"; did you mean '{close[0]}'?" if close else ""
+    hint = f"; did you mean '{close[0]}'?" if close else more and f"; {more}"
     return UserError(f"{option}='{name}' is not known; accepted: {', '.join(choices)}{hint}")

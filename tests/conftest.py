@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import pytest
 import torch
+from hydra.core.config_store import ConfigStore
 
 from pcnclaws.commands import launcher
 from pcnclaws.compiled.backend import using_backend
@@ -51,6 +52,9 @@ def own_registry() -> Iterator[None]:
     before = [table.copy() for table in tables]
     yield
     for table, known in zip(tables, before, strict=True):
+        for name in table.keys() - known.keys():
+            for choices in filter(lambda one: isinstance(one, dict), ConfigStore.instance().repo.values()):
+                choices.pop(f"{name}.yaml", None)
         table.clear()
         table.update(known)
 

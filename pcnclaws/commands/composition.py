@@ -28,6 +28,7 @@ from pcnclaws.commands.typed import typed
 from pcnclaws.commands.typed_configs import CONFIGS
 from pcnclaws.commands.unused_options import check_unused
 from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.laws.materials import OWN_MATERIAL
 
 log = logging.getLogger(__name__)
 
@@ -88,7 +89,8 @@ def explain(entry: str, overrides: Sequence[str], error: Exception) -> UserError
     """One line of ours for an error of Hydra or OmegaConf."""
     if isinstance(error, MissingConfigException) and error.options is not None:
         group, _, name = str(error.missing_cfg_file).rpartition("/")
-        return unknown_name(group.replace("/", "."), name, error.options)
+        more = OWN_MATERIAL if group == "material" else ""
+        return unknown_name(group.replace("/", "."), name, error.options, more)
     if isinstance(error, OverrideParseException):
         return UserError(
             f"'{error.override}' cannot be read; accepted: option=value, a value with special characters in quotes"

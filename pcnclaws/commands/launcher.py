@@ -88,6 +88,8 @@ def _run(jobs: "Jobs", arguments: Sequence[str]) -> None:
         jobs.swept = swept_options(overrides)
         with tempfile.TemporaryDirectory() as sweep_folder:
             _launch(jobs, flags, [*overrides, f"hydra.sweep.dir={sweep_folder}"])
+    except BrokenPipeError:  # `| head` has read enough
+        _listen_no_more()
     except (*CONFIG_ERRORS, ValueError) as error:  # Hydra raises ValueError, too, for what it cannot compose
         jobs.record(error if isinstance(error, UserError) else explain(jobs.entry, jobs.overrides, error))
     except Exception as error:
@@ -98,11 +100,18 @@ def _flush(jobs: "Jobs") -> None:
     """Writes what was printed; a file that it goes to may be full."""
     try:
         sys.stdout.flush()
+    except BrokenPipeError:
+        _listen_no_more()
     except OSError as error:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python tries once more at its end
+        _listen_no_more()
         error.filename = "the standard output"
         if not jobs.status:
             jobs.record(error)
+
+
+def _listen_no_more() -> None:
+    """Leads the standard output nowhere: Python flushes it once more at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextmanager

@@ -78,10 +78,13 @@ class Material:
         return tuple(dict.fromkeys(parameter for law in laws for parameter in law.physical_parameters))
 
 
+OWN_MATERIAL = "one of your own once pc.register, or plugins=[module] of a command, has made it known"
+
+
 def material_named(name: str, option: str = "material") -> Material:
     """The material of that name; UserError with the nearest known name otherwise."""
     if name not in MATERIALS:
-        raise unknown_name(option, name, MATERIALS)
+        raise unknown_name(option, name, MATERIALS, OWN_MATERIAL)
     return MATERIALS[name]
 
 

@@ -89,35 +89,36 @@ class _Axes(NamedTuple):
 
 def _axes(deformation: Matrices) -> _Axes:
     f = deformation.double().movedim(-1, 0)
-    q, g = _found_axes(f.detach())
+    q, g, upright = _found_axes(f.detach())
     square = g.square().sum(2)
     half = q.mT @ (f - f.detach()) @ g.mT
     change = half + half.mT
-    upright = torch.linalg.det(f.detach())[:, None] > 0.0
-    strain = torch.where(upright, 0.5 * square.log(), torch.nan) + 0.5 * change.diagonal(dim1=1, dim2=2) / square
+    strain = (
+        torch.where(upright[:, None], 0.5 * square.log(), torch.nan) + 0.5 * change.diagonal(dim1=1, dim2=2) / square
+    )
     return _Axes(f, q, g, square, strain.T, change)
 
 
 @torch.no_grad()
-def _found_axes(f: Tensor) -> tuple[Tensor, Tensor]:
-    """Q and Q^T F; of a diverging state, which is not finite, Q is the identity and strains are not numbers."""
+def _found_axes(f: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Q, Q^T F and whether det F > 0; of a state that is not finite, Q is the identity and strains are not numbers."""
     b = f @ f.mT
     finite = torch.isfinite(b).all(2).all(1)
     q = torch.linalg.eigh(
         torch.where(finite[:, None, None], b, torch.eye(3, dtype=b.dtype, device=b.device))
     ).eigenvectors
-    g = q.mT @ f
+    g, upright = q.mT @ f, torch.linalg.det(f) > 0.0
     for _ in range(SWEEPS):
         turning = orthogonalise(q, g)
         if not f.is_cuda and not bool(turning.any()):
             break
     if f.is_cuda:  # where nothing waits for a look at the numbers
-        return q, g
+        return q, g, upright
     square = g.square().sum(2)
     far = (finite & ~((square > LEAST) & (square < MOST)).all(1)).nonzero()[:, 0]
     if len(far):
-        q[far], g[far], _ = principal_axes(f[far])
-    return q, g
+        q[far], g[far], upright[far] = principal_axes(f[far])
+    return q, g, upright
 
 
 def _divided_differences(square: Tensor, y: Principal, response: Response, strain: Principal) -> Tensor:

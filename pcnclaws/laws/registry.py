@@ -66,29 +66,50 @@ NETWORKS: dict[str, Network] = {
 }
 
 
+# What ships, which nobody replaces.
+_OURS = frozenset({*MATERIALS, *NETWORKS, *PARAMETERS})
+
+
 def register(thing: Material | Network) -> None:
     """Makes a material, with its laws and parameters, or a network known by its name.
 
+    One whose classes bear the same names as those that were registered under its name replaces it: a cell of a notebook
+    is run again.
     raises  UserError where the name, or that of a parameter, is taken by something else, and where ranges do not fit
     """
     if isinstance(thing, Network):
-        _require_free("network", thing.name, thing, NETWORKS)
+        _require_free("network", thing, NETWORKS.get(thing.name))
         NETWORKS[thing.name] = thing
         return
     if not isinstance(thing, Material):
         raise UserError(f"register got {thing!r}; accepted: a Material or a Network")
-    _require_free("material", thing.name, thing, MATERIALS)
+    _require_free("material", thing, MATERIALS.get(thing.name))
     check_material(thing)
+    others = [material for name, material in MATERIALS.items() if name not in _OURS | {thing.name}]
+    theirs = {parameter.name for material in others for parameter in material.physical_parameters}
     own = {parameter.name: parameter for parameter in thing.physical_parameters}
     for name, parameter in own.items():
-        _require_free("parameter", name, parameter, PARAMETERS)
+        if name in _OURS | theirs and PARAMETERS[name] != parameter:
+            raise _taken("parameter", name)
     PARAMETERS.update(own)
     MATERIALS[thing.name] = thing
 
 
-def _require_free(kind: str, name: str, thing: object, table: dict[str, Any]) -> None:
-    if table.get(name, thing) != thing:
-        raise UserError(f"{kind} '{name}' is there already, and another one; accepted: another name")
+def _require_free(kind: str, thing: Material | Network, known: Material | Network | None) -> None:
+    if known in (None, thing):
+        return
+    if thing.name in _OURS or _classes_of(thing) != _classes_of(known):
+        raise _taken(kind, thing.name)
+
+
+def _classes_of(thing: Any) -> list[str]:
+    """Where the classes of its laws are defined, as 'module:class'."""
+    laws = [getattr(thing, field, None) for field in ("elastic", "plastic", "viscous")]
+    return [f"{law.__module__}:{law.__qualname__}" if isinstance(law, type) else str(law) for law in laws]
+
+
+def _taken(kind: str, name: str) -> UserError:
+    return UserError(f"{kind} '{name}' is there already, and another one; accepted: another name")
 
 
 def check_material(material: Material) -> None:

@@ -258,17 +258,30 @@ class SignedDistance(Shape):
         """As distance, at a time [s]; the normal is the gradient of the function."""
         with torch.enable_grad():
             places = points.detach().T.clone().requires_grad_()
-            distance = self.function(places, time)
+            distance = self._called(places, time)
             if not isinstance(distance, Tensor) or distance.shape != places.shape[:1]:
                 raise UserError(
                     f"collider signed_distance: of {len(places)} positions the function gave {_described(distance)}; "
                     f"accepted: a tensor of ({len(places)},)"
+                )
+            if not distance.requires_grad:
+                raise UserError(
+                    "collider signed_distance: what the function gave does not depend on the positions; accepted: "
+                    "distances made of them by operations of PyTorch"
                 )
             differentiated = _leaves(distance) - {places}
             (slope,) = torch.autograd.grad(distance.sum(), places, create_graph=bool(differentiated))
         if not differentiated or not torch.is_grad_enabled():
             distance, slope = distance.detach(), slope.detach()
         return distance, _unit(slope.T)
+
+    def _called(self, places: Tensor, time: float) -> object:
+        try:
+            return self.function(places, time)
+        except UserError:
+            raise
+        except Exception as error:  # whatever their code raises
+            raise UserError(f"collider signed_distance: the function fails: {type(error).__name__}: {error}") from error
 
 
 def _leaves(value: Tensor) -> set[Tensor]:

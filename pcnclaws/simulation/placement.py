@@ -75,7 +75,14 @@ def _require_off_colliders(
     for number, collider in enumerate(settings.colliders):
         if collider.contact == "sticky" or not span_holds(collider.start, collider.end, settings.start_time):
             continue
-        inside = np.flatnonzero(collider_distance(collider, position, settings.start_time) < -slack - WALL_TOLERANCE)
+        distance = collider_distance(collider, position, settings.start_time)
+        if not np.isfinite(distance).all():
+            place = ", ".join(f"{x:.4g}" for x in position[np.argmin(np.isfinite(distance))])
+            raise UserError(
+                f"scene.colliders[{number}] ({collider.shape.word}): its distance at ({place}) m is not finite; "
+                "accepted: a function that gives finite distances"
+            )
+        inside = np.flatnonzero(distance < -slack - WALL_TOLERANCE)
         if len(inside):
             others = f" and {len(inside) - 1} more" if len(inside) > 1 else ""
             place = ", ".join(f"{x:.4g}" for x in position[inside[0]])

@@ -145,14 +145,21 @@ class Stability:
             )
 
     def advice(self, error: SimulationDiverged) -> str:
-        """In words, what to change after a divergence: the walls that a particle was pressed through, or the step."""
+        """In words, what to change after a divergence: the walls that a particle was pressed through, the step, or
+        what crushes the body."""
         settings = self.settings
         if isinstance(error, ParticleEscaped) and not settings.walls_hold:
             return (
                 f"wall_distance={settings.wall_distance:g} does not hold what is pressed against it; "
                 f"from {settings.grid_spacing:.6g} m, a cell of the grid, it does"
             )
-        return f"time_step={settings.time_step:g}, stable: {self.limit}"
+        step = f"time_step={settings.time_step:g}, stable: {self.limit}"
+        if not self.is_stable:
+            return step
+        return (
+            f"{step}; a shorter one hardly helps a body that is crushed or starts far deformed: it moves at up to "
+            f"{self.speed:.3g} m/s with waves of {self._wave_speed:.3g} m/s; slower or stiffer ones hold"
+        )
 
     def _time_step_of(self, cfl: float) -> float:
         """The time step of a CFL number [s]."""

@@ -1,5 +1,8 @@
 """Exit statuses and one-line errors of every command."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -123,6 +126,16 @@ def test_help_shows_the_groups_of_the_command_and_its_options(in_process):
     wrong = in_process(simulate, "simulate", "--help", "material=sandd")
     assert wrong.status == 2
     assert "did you mean 'sand'" in one_line(wrong.err)
+
+
+def test_help_that_nobody_reads_on_ends_without_a_word(tmp_path):
+    """The other end of the pipe is closed, as by `| head -1`."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    call = [sys.executable, "-m", "pcnclaws.simulate", "--help"]
+    with os.fdopen(writing) as closed:
+        done = subprocess.run(call, stdout=closed, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_outputs_lie_in_the_working_folder(in_process):

@@ -1,6 +1,7 @@
 """Laws, a parameter and a material that somebody brings: one file, and everything works with them."""
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -167,6 +168,28 @@ def test_a_law_with_moduli_of_its_own_has_its_wave_speed() -> None:
     assert torch.isfinite(scene.simulate(steps=10, every=5).position).all()
     with pytest.raises(UserError, match=r"simulation.time_step=0.1 is unstable; accepted: at most .* s at"):
         scene.with_(settings=pc.Settings(time_step=0.1)).simulate(steps=10, every=5)
+
+
+@pytest.mark.usefixtures("own_registry")
+def test_a_cell_of_a_notebook_that_is_run_again_replaces_what_it_registered() -> None:
+    def cell(factor: float, parameter: Parameter) -> Material:
+        class Mine(Elasticity):
+            physical_parameters = (parameter,)
+
+            def principal_energy(self, h: Values, p: Any) -> Any:
+                return factor * p.shear_modulus * sum_of_squares(h)
+
+        return Material("mine", Mine, None, {"shear_modulus": (1e4, factor * 1e5)})
+
+    for factor in (1.0, 2.0):
+        register(cell(factor, replace(SHEAR, glyph="G" * int(factor))))
+        stress = pc.analytic_law("mine").stress(1.1 * torch.eye(3)[None].double(), shear_modulus=2e4)
+        assert float(stress[0, 0, 0]) == pytest.approx(factor * 4e4 * math.log(1.1))
+    with pytest.raises(UserError, match="material 'mine' is there already"):
+        register(Material("mine", OneModulus, None, {"shear_modulus": (1e4, 1e5)}))
+    taken = cell(1.0, Parameter("youngs_modulus", "E", "kPa"))
+    with pytest.raises(UserError, match="parameter 'youngs_modulus' is there already"):
+        register(replace(taken, name="other", ranges={"youngs_modulus": (1.0, 2.0)}))
 
 
 PLUGIN = """

@@ -1,7 +1,9 @@
 """Colliders: distances, contact and friction, momentum and impulse, derivatives, walls as planes."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -9,6 +11,7 @@ from bodies import NO_GRAVITY, analytic_simulator, lattice, one_scene, per_parti
 from torch import Tensor
 from torch.autograd import forward_ad
 
+import pcnclaws as pc
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.errors import UserError
 from pcnclaws.mpm.colliders import Collider
@@ -274,6 +277,23 @@ def test_wrong_colliders_are_refused_in_one_line(options: dict[str, object], fau
         Collider.from_options(options, "scene.colliders[0]")
     assert fault in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("function", "fault"),
+    [
+        (lambda x, _: x[:, 1] * float("nan"), r"its distance at \(0.4.*\) m is not finite"),
+        (lambda x, _: torch.ones(len(x)).double(), "does not depend on the positions"),
+        (lambda x, _: x.height, "the function fails: AttributeError: 'Tensor' object has no attribute 'height'"),
+        (lambda _, time: time, r"the function gave float; accepted: a tensor of \("),
+    ],
+)
+def test_functions_that_give_no_distance_are_refused_in_one_line(
+    function: Callable[[Tensor, float], Any], fault: str
+) -> None:
+    body, collider = pc.Body.cube(side=0.2, particles_per_edge=4), pc.Collider.signed_distance(function)
+    with pytest.raises(UserError, match=fault):
+        pc.Scene(body, pc.analytic_law("sand"), colliders=[collider])
 
 
 def test_options_of_a_collider_make_it_again() -> None:
