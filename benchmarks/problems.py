@@ -9,6 +9,7 @@ from rich.table import Table
 from benchmarks import own_laws, run_time_vs_error, scaling, skips, stability, step_cost
 from benchmarks import training_time as training
 from benchmarks.context import BenchmarkContext
+from benchmarks.stress import problem as stress
 
 Document = Mapping[str, Any]
 
@@ -33,5 +34,6 @@ PROBLEMS = {
     "skips": Problem(skips.run, skips.draw, skips.tables),
     "stability": Problem(stability.run, stability.draw, stability.tables),
     "step_cost": Problem(step_cost.run, step_cost.draw, step_cost.tables),
+    "stress": Problem(stress.run, stress.draw, stress.tables),
     "training": Problem(training.run, training.draw, training.tables),
 }

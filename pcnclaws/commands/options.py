@@ -86,7 +86,7 @@ def _require_kind(option: str, value: Any, default: Any) -> None:
     if default is None:
         right = all(not isinstance(item, float) or math.isfinite(item) for item in _items(value))
         accepted = "finite numbers"
-    elif option.startswith(FREE_LISTS) and isinstance(default, list):
+    elif option.startswith(FREE_LISTS) and isinstance(default, list) and default:
         right = isinstance(value, list) and all(_is_kind(item, default[0]) for item in value)
         accepted = f"a list, each {_accepted(default[0])}"
     else:
