@@ -12,6 +12,7 @@ from pcnclaws.data.hdf5 import read_scenes, scene_names
 from pcnclaws.data.units import check_spacing
 from pcnclaws.errors import UserError
 from pcnclaws.geometry.shapes import PointCloud
+from pcnclaws.simulation.records import SceneRecord
 
 log = logging.getLogger(__name__)
 
@@ -39,11 +40,16 @@ def read_point_file(path: str | Path, name: str | None = None) -> PointCloud:
     return _read_npz(path) if path.suffix.lower() == ".npz" else _first_frame(path, name)
 
 
-def _first_frame(path: Path, name: str | None) -> PointCloud:
+def read_one_scene(path: Path, name: str | None) -> SceneRecord:
+    """The scene of a trajectory file of that name, or the only one."""
     known = scene_names(path)
     if name is None and len(known) > 1:
         raise UserError(f"{path}: holds {len(known)} scenes; accepted: scene.name= one of {', '.join(known[:20])}")
-    record = read_scenes(path, [name if name is not None else known[0]])[0]
+    return read_scenes(path, [name if name is not None else known[0]])[0]
+
+
+def _first_frame(path: Path, name: str | None) -> PointCloud:
+    record = read_one_scene(path, name)
     name_contradictions([record])
     check_spacing(record.label, record.position[0], record.volume)
     if record.initial_velocity is None:
@@ -59,7 +65,9 @@ def _first_frame(path: Path, name: str | None) -> PointCloud:
         affine = record.initial_affine
         return body if affine is None else body._replace(affine=affine.astype(np.float64))
     return body._replace(
-        affine=keyframes.affine[0].astype(np.float64), deformation=keyframes.deformation[0].astype(np.float64)
+        affine=keyframes.affine[0].astype(np.float64),
+        deformation=keyframes.deformation[0].astype(np.float64),
+        internal={name: values[0].astype(np.float64) for name, values in keyframes.internal.items()},
     )
 
 
@@ -96,7 +104,7 @@ def _read_npz(path: Path) -> PointCloud:
         if name in arrays and arrays[name].min() <= 0.0:
             raise UserError(f"{path}: '{name}' is not positive everywhere")
     check_spacing(str(path), position, volume)
-    return PointCloud(**arrays)
+    return PointCloud(position, arrays["velocity"], volume, density=arrays.get("density"))
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
