@@ -37,7 +37,7 @@ def simulate_records(
         batch = batch_scenes(group, dtype, device, laws.internal_variables)
         whole_plan = plan._replace(start_state=any(start.is_deformed for start in group))
         begun, fallen_steps = going_on_falling(group, batch) if skips.free_fall else (batch, None)
-        trajectory = simulate_scenes(simulator, begun, whole_plan, skips, execution.progress, fallen_steps)
+        trajectory = simulate_scenes(simulator, begun, whole_plan, skips, execution.progress, fallen_steps=fallen_steps)
         done |= {
             id(start): record for start, record in zip(group, _records(group, batch, trajectory, names), strict=True)
         }

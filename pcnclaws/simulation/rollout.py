@@ -89,7 +89,7 @@ def simulate_scenes(
     free = [min(max(n - gone, 0), plan.steps) for n, gone in zip(free, before, strict=True)]
     impulses = ImpulseSum(batch.scenes.scene_count, len(settings.colliders)) if settings.colliders else None
     step_of = partial(simulator.step_function, take_impulses=impulses.take if impulses else None)
-    run = ActiveScenes(step_of, batch, settings.time_step, free, impulses, before)
+    run = ActiveScenes(step_of, batch, settings.time_step, free, impulses=impulses, fallen_steps=before)
     recording = Recording(plan, batch.state, not skips.history, impulses)
     # what changes with time may wake a scene that rests
     rests = skips.rest and not (settings.changes or simulator.takes_time)
