@@ -90,6 +90,8 @@ def start_from(config: SimulateConfig) -> SceneStart:
     material = material_named(config.material.name)
     parameters = parameters_from(config.parameters, material)
     settings = settings_from(config.simulation, SimulationSettings.time_step, config.scene)
+    if config.scene.frame is not None:
+        return _going_on(config, material, parameters, settings)
     body = body_from(config.scene)
     if body.density is not None and settings.density != SimulationSettings.density:
         raise two_densities(settings.density)
@@ -104,6 +106,22 @@ def start_from(config: SimulateConfig) -> SceneStart:
     return replace(
         start, settings=settings_from(config.simulation, stability_of(start).automatic_time_step, config.scene)
     )
+
+
+def _going_on(
+    config: SimulateConfig, material: Material, parameters: Mapping[str, float], settings: SimulationSettings
+) -> SceneStart:
+    """The scene of `scene.particles` from the frame of `scene.frame` on, with what the options say beside its state."""
+    from pcnclaws.data.restart_files import read_restart  # loads SciPy
+
+    scene = config.scene
+    later = read_restart(str(scene.particles), scene.name, scene.frame)
+    if config.simulation.time_step == "auto":
+        settings = replace(settings, time_step=later.time_step)
+    start = later.going_on(material.name, parameters, settings, with_time=scene.start_time is None)
+    if start.density is not None and settings.density != SimulationSettings.density:
+        raise two_densities(settings.density)
+    return replace(start, name=str(scene.name or Path(str(scene.particles)).stem))
 
 
 def whole_number(value: object, option: str, least: int = 1) -> int:

@@ -1,5 +1,6 @@
 """Estimation of physical parameters, from the observation to the result file and its pictures."""
 
+import logging
 import shutil
 import time
 from collections.abc import Mapping
@@ -25,6 +26,7 @@ from pcnclaws.commands.estimation_report import (
 from pcnclaws.commands.estimation_setup import estimator_from, guess_from, noise_from, start_from_guess, unknowns_from
 from pcnclaws.commands.observation_setup import observation_from
 from pcnclaws.commands.outputs import RESULT, output_file, scene_files
+from pcnclaws.commands.plain_yaml import read_plain_yaml
 from pcnclaws.commands.runs import law_folder, laws_for, load_run
 from pcnclaws.commands.typed import plain
 from pcnclaws.commands.typed_configs import EstimateConfig
@@ -48,6 +50,8 @@ from pcnclaws.simulation.particle_spacing import warn_of_sparse_particles
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.training.trainer import quiet_lightning
+
+log = logging.getLogger(__name__)
 
 PLAIN_WIDTH = 120
 # Options that do not change what a search does: an interrupted one goes on under others.
@@ -130,13 +134,22 @@ def _started_search(config: EstimateConfig, output: Path) -> Path:
     folder = _search_folder(output)
     asked = {key: value for key, value in plain(config).items() if key not in FREE_OPTIONS}
     noted = folder / "search.yaml"
-    same = noted.is_file() and yaml.safe_load(noted.read_text(encoding="utf-8")) == asked
+    same = noted.is_file() and _noted_options(noted) == asked
     if config.overwrite or not same:
         for name in ("checkpoints", "tensorboard"):
             shutil.rmtree(folder / name, ignore_errors=True)
     with replaced_file(noted) as part:
         part.write(yaml.safe_dump(asked, encoding="utf-8"))
     return folder
+
+
+def _noted_options(noted: Path) -> object:
+    """The options of an interrupted search; None where the file is damaged, which one line says."""
+    try:
+        return read_plain_yaml(noted)
+    except UserError as fault:
+        log.warning("%s: the search begins anew", fault)
+        return None
 
 
 def _outside(config: EstimateConfig, material: Material, unknowns: Unknowns, module: InverseModule) -> list[str]:

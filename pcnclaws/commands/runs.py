@@ -14,6 +14,7 @@ import pcnclaws
 from pcnclaws.atomic import PARTIAL_SUFFIX, replaced_file
 from pcnclaws.commands.models import build_model
 from pcnclaws.commands.options import is_free
+from pcnclaws.commands.plain_yaml import read_plain_yaml
 from pcnclaws.data.locks import LOCK
 from pcnclaws.errors import UserError
 from pcnclaws.laws.analytic import Laws, analytic_laws
@@ -76,9 +77,10 @@ def _material_of(config: Mapping[str, Any], where: str) -> Material:
     try:
         return material_named(str(config["material"].get("name")), f"{where}: material")
     except UserError as fault:
-        if not config.get("plugins"):
+        plugins = config.get("plugins")
+        if not isinstance(plugins, list) or not plugins:
             raise
-        modules = ",".join(map(str, config["plugins"]))
+        modules = ",".join(str(module)[:60] for module in plugins[:8])
         raise UserError(
             f"{fault}; the run was made with plugins=[{modules}], which this command was not given"
         ) from fault
@@ -156,8 +158,15 @@ def is_finished(folder: Path, config: Mapping[str, Any]) -> bool:
 
 def run_errors(folder: Path) -> dict[str, float | None]:
     """The errors of a finished run [m^2]: of the validation that chose its weights, and on the test scenes."""
-    metrics = json.loads((folder / METRICS).read_text(encoding="utf-8"))
-    return {"validation_mse": metrics["training"]["validation_mse"], "test_mse": metrics["mse"]}
+    try:
+        metrics = json.loads((folder / METRICS).read_text(encoding="utf-8"))
+        errors = {"validation_mse": metrics["training"]["validation_mse"], "test_mse": metrics["mse"]}
+        return {name: error if error is None else float(error) for name, error in errors.items()}
+    except (OSError, ValueError, LookupError, TypeError, OverflowError, RecursionError) as fault:
+        raise UserError(
+            f"{folder / METRICS} is damaged or was not written by pcnclaws ({type(fault).__name__}); accepted: that of "
+            "a finished run, or overwrite=true"
+        ) from fault
 
 
 def start_run(folder: Path, config: Mapping[str, Any], overwrite: bool = False) -> None:
@@ -170,12 +179,9 @@ def start_run(folder: Path, config: Mapping[str, Any], overwrite: bool = False) 
 
 def read_config(folder: Path) -> dict[str, Any]:
     """The configuration of a run folder, plain values only."""
-    try:
-        config = yaml.safe_load((folder / CONFIG).read_text(encoding="utf-8"))
-    except FileNotFoundError as fault:
-        raise UserError(f"{folder} is no run folder: {CONFIG} is missing") from fault
-    except (yaml.YAMLError, UnicodeDecodeError, OSError) as fault:
-        raise UserError(f"{folder / CONFIG} cannot be read ({type(fault).__name__})") from fault
+    if not (folder / CONFIG).exists():
+        raise UserError(f"{folder} is no run folder: {CONFIG} is missing")
+    config = read_plain_yaml(folder / CONFIG)
     if not isinstance(config, dict):
         raise UserError(f"{folder / CONFIG} is not the configuration of a run")
     return config
@@ -199,10 +205,15 @@ def _ranges(notes: Mapping[str, Any], material: Material) -> dict[str, tuple[flo
     """The ranges noted beside the weights; the material's own where the note is missing."""
     noted = notes.get("ranges")
     noted = noted if isinstance(noted, dict) else {}
-    return {
-        name: (float(noted[name][0]), float(noted[name][1])) if name in noted else span
-        for name, span in material.ranges.items()
-    }
+    return {name: _span(noted[name], name) if name in noted else span for name, span in material.ranges.items()}
+
+
+def _span(noted: Any, name: str) -> tuple[float, float]:
+    try:
+        low, high = (float(end) for end in noted)
+    except (ValueError, TypeError, OverflowError) as fault:
+        raise UserError(f"the note of the range of {name} beside the weights is not two numbers") from fault
+    return low, high
 
 
 def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:

@@ -21,6 +21,7 @@ from pcnclaws.simulation.particle_spacing import particles_a_cell, warn_of_spars
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.simulation.restart import with_exact_masses
 from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.time_step import stability_of
 
@@ -66,7 +67,8 @@ def _trajectory(config: SimulateConfig, start: SceneStart) -> SceneRecord:
     warn_of_sparse_particles([start])
     with progress_bar("simulating", steps) as advance:
         try:
-            return simulate_records([start], laws, plan, replace(execution, progress=advance))[0]
+            record = simulate_records([start], laws, plan, replace(execution, progress=advance))[0]
+            return with_exact_masses(record, start)
         except SimulationDiverged as error:
             raise SimulationDiverged(f"{error}; {stability.advice(error)}") from error
 

@@ -45,6 +45,7 @@ class Scene:
     loads: Unchecked
     affine: str
     start_time: Unchecked = None
+    frame: Unchecked = None
 
 
 @dataclass(frozen=True)

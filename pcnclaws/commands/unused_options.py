@@ -153,8 +153,21 @@ _SCENE_OF_FILE = Rule(
     _other_file("scene.particles", *TRAJECTORY_ENDINGS),
 )
 
+_GOING_ON = (
+    Rule(
+        ("scene.frame",),
+        "without scene.particles=FILE.h5, of which it names a frame",
+        _other_file("scene.particles", *TRAJECTORY_ENDINGS),
+    ),
+    Rule(
+        ("scene.velocity", "scene.spin", "scene.affine"),
+        "beside scene.frame, whose restart state moves by itself",
+        _given("scene.frame"),
+    ),
+)
+
 RULES: Mapping[str, Sequence[Rule]] = {
-    "simulate": _BODY,
+    "simulate": (*_BODY, *_GOING_ON),
     "generate": (*_BODY, _SCENE_OF_FILE),
     "train": (
         Rule(OF_GENERATED_DATA, "beside data.trajectories", _given("data.trajectories")),

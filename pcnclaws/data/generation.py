@@ -138,7 +138,7 @@ def _claim(folder: Path, plan: DataSetPlan) -> None:
         with replaced_file(manifest) as part:
             part.write(f"{json.dumps(wanted, indent=2)}\n".encode())
         return
-    found = _read_manifest(manifest)
+    found = read_manifest(manifest)
     names = [name for name in sorted({*wanted, *found}) if wanted.get(name) != found.get(name)]
     if names:
         changes = ", ".join(f"{name} {_short(found.get(name))} instead of {_short(wanted.get(name))}" for name in names)
@@ -148,10 +148,11 @@ def _claim(folder: Path, plan: DataSetPlan) -> None:
         )
 
 
-def _read_manifest(manifest: Path) -> dict[str, Any]:
+def read_manifest(manifest: Path) -> dict[str, Any]:
+    """What the manifest of a data set says; UserError for a file that is none."""
     try:
         found = json.loads(manifest.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise UserError(f"{manifest}: not readable ({error}); accepted: the manifest of a data set") from error
     if not isinstance(found, dict):
         raise UserError(f"{manifest}: not the manifest of a data set")

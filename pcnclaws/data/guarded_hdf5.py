@@ -10,6 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from pcnclaws.data.room import require_room
 from pcnclaws.errors import UserError
 
 # gzip, shuffle, fletcher32, szip, n-bit, scale-offset and lzf are part of h5py; any other filter loads a plugin.
@@ -17,6 +18,8 @@ FILTERS = frozenset({1, 2, 3, 4, 5, 6, 32000})
 MAXIMUM_BYTES = 16 * 1024**3
 # gzip shrinks 1032 times at most: an array that claims more than this was never written.
 MAXIMUM_COMPRESSION = 1100
+# Particles, frames, or nodes along an axis.
+MAXIMUM_LENGTH = 10**8
 FREE_BYTES = 64 * 1024**2
 MAXIMUM_ATTRIBUTE_BYTES = 4096
 # Where HDF5 keeps texts: global heap collections, version 1 (HDF5 file format specification, III.E).
@@ -216,6 +219,9 @@ class GuardedGroup:
         filters = {properties.get_filter(i)[0] for i in range(properties.get_nfilters())}
         if not filters <= FILTERS:
             raise self.fault(f"'{name}' needs an HDF5 plugin; accepted compression: gzip, lzf, szip or none")
+        if max(data.shape) > MAXIMUM_LENGTH:
+            raise self.fault(f"'{name}' has the shape {data.shape}; accepted: at most {MAXIMUM_LENGTH:.0e} of a kind")
         size = math.prod(data.shape) * data.dtype.itemsize
         if size > min(MAXIMUM_BYTES, FREE_BYTES + MAXIMUM_COMPRESSION * data.id.get_storage_size()):
             raise self.fault(f"'{name}' claims {size / 1024**3:.3g} GiB that the file does not hold or nobody can read")
+        require_room(size, f"{self.where}: '{name}'")

@@ -137,6 +137,7 @@ def _read_scene(scenes: GuardedGroup, name: str, version: int, with_keyframes: b
         density = _numbers(group, "density", (particles,)) if "density" in group else None
         colliders = len(settings.colliders)
         impulses = _numbers(group, "impulses", (len(time), colliders, 3)) if "impulses" in group else None
+        loaded_at = _numbers(group, "loaded_at", (particles, 3)) if settings.loads and "loaded_at" in group else None
         record = SceneRecord(
             name,
             group.text("material"),
@@ -151,6 +152,7 @@ def _read_scene(scenes: GuardedGroup, name: str, version: int, with_keyframes: b
             initial_affine=affine,
             density=density,
             impulses=impulses,
+            loaded_at=loaded_at,
         )
         _check_values(group, record)
         require_volume(volume, settings, group.where)
@@ -186,6 +188,7 @@ def _check_values(group: GuardedGroup, record: SceneRecord) -> None:
         ("velocity", record.velocity),
         ("initial_affine", record.initial_affine),
         ("density", density),
+        ("loaded_at", record.loaded_at),
     ):
         if values is not None and not np.isfinite(values).all():
             first = " in the first frame" if name == "position" else ""
@@ -266,7 +269,16 @@ def _write_scene(group: h5py.Group, record: SceneRecord, version: int) -> None:
     for name, value in record.parameters.items():
         group.attrs[name] = float(value)
     _write_array(group, "time", record.time.astype(np.float64))
-    for name in ("position", "volume", "initial_velocity", "initial_affine", "velocity", "density", "impulses"):
+    for name in (
+        "position",
+        "volume",
+        "initial_velocity",
+        "initial_affine",
+        "velocity",
+        "density",
+        "impulses",
+        "loaded_at",
+    ):
         values = getattr(record, name)
         if values is not None:
             _write_array(group, name, _as_recorded(values))

@@ -11,6 +11,9 @@ from pcnclaws.data.point_cloud_files import write_ply, write_pvd, write_vtu
 from pcnclaws.errors import UserError
 from pcnclaws.simulation.records import SceneRecord
 
+# What the names of internal variables begin with, beside those of other arrays.
+INTERNAL = "internal_"
+
 
 def write_motion(path: Path, record: SceneRecord, frame: int) -> None:
     """Writes a motion, whole or not at all; folders above it are made.
@@ -35,13 +38,15 @@ def _trajectory(path: Path, record: SceneRecord, frame: int) -> None:
 
 def _arrays(path: Path, record: SceneRecord, frame: int) -> None:
     whole = {"time": record.time, "position": record.position, "volume": record.volume}
+    states = record.states_at_frames
     optional = {
         "velocity": record.velocity,
-        "deformation": _deformation(record),
+        "deformation": None if states is None else states.deformation,
         "density": record.density,
         "impulses": record.impulses,
     }
     arrays = whole | {name: values for name, values in optional.items() if values is not None}
+    arrays |= {} if states is None else {f"{INTERNAL}{name}": values for name, values in states.internal.items()}
     arrays |= {name: np.array(value) for name, value in record.parameters.items()}
     with replaced_file(path) as part:
         np.savez_compressed(part, material=np.array(record.material), **arrays)  # pyright: ignore[reportArgumentType]
@@ -63,20 +68,15 @@ def _collection(path: Path, record: SceneRecord, frame: int) -> None:
     write_pvd(path, record.time.tolist(), [file.name for file in files])
 
 
-def _deformation(record: SceneRecord) -> np.ndarray | None:
-    """F at the frames, where it was kept at all of them."""
-    keyframes = record.keyframes
-    return keyframes.deformation if keyframes is not None and len(keyframes.step) == len(record.time) else None
-
-
 def _fields(record: SceneRecord, frame: int) -> dict[str, np.ndarray]:
-    deformation = _deformation(record)
+    states = record.states_at_frames
     fields = {
         "velocity": None if record.velocity is None else record.velocity[frame],
         "volume": record.volume,
         "density": record.density,
-        "deformation": None if deformation is None else deformation[frame],
+        "deformation": None if states is None else states.deformation[frame],
     }
+    fields |= {} if states is None else {f"{INTERNAL}{name}": values[frame] for name, values in states.internal.items()}
     return {name: values for name, values in fields.items() if values is not None}
 
 

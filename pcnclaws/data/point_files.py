@@ -1,17 +1,19 @@
 """Point files: bodies from an .npz or from the first frame of a trajectory file."""
 
 import logging
+import math
 import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
 
 from pcnclaws.data.first_motion import name_contradictions
 from pcnclaws.data.hdf5 import read_scenes, scene_names
+from pcnclaws.data.room import require_room
 from pcnclaws.data.units import check_spacing
 from pcnclaws.errors import UserError
 from pcnclaws.geometry.shapes import PointCloud
+from pcnclaws.simulation.records import SceneRecord
 
 log = logging.getLogger(__name__)
 
@@ -39,11 +41,16 @@ def read_point_file(path: str | Path, name: str | None = None) -> PointCloud:
     return _read_npz(path) if path.suffix.lower() == ".npz" else _first_frame(path, name)
 
 
-def _first_frame(path: Path, name: str | None) -> PointCloud:
+def read_one_scene(path: Path, name: str | None) -> SceneRecord:
+    """The scene of a trajectory file of that name, or the only one."""
     known = scene_names(path)
     if name is None and len(known) > 1:
         raise UserError(f"{path}: holds {len(known)} scenes; accepted: scene.name= one of {', '.join(known[:20])}")
-    record = read_scenes(path, [name if name is not None else known[0]])[0]
+    return read_scenes(path, [name if name is not None else known[0]])[0]
+
+
+def _first_frame(path: Path, name: str | None) -> PointCloud:
+    record = read_one_scene(path, name)
     name_contradictions([record])
     check_spacing(record.label, record.position[0], record.volume)
     if record.initial_velocity is None:
@@ -59,7 +66,9 @@ def _first_frame(path: Path, name: str | None) -> PointCloud:
         affine = record.initial_affine
         return body if affine is None else body._replace(affine=affine.astype(np.float64))
     return body._replace(
-        affine=keyframes.affine[0].astype(np.float64), deformation=keyframes.deformation[0].astype(np.float64)
+        affine=keyframes.affine[0].astype(np.float64),
+        deformation=keyframes.deformation[0].astype(np.float64),
+        internal={name: values[0].astype(np.float64) for name, values in keyframes.internal.items()},
     )
 
 
@@ -68,18 +77,7 @@ def _read_npz(path: Path) -> PointCloud:
         arrays = _arrays(path)
     except UserError:
         raise
-    except (
-        OSError,
-        ValueError,
-        EOFError,
-        KeyError,
-        TypeError,
-        MemoryError,
-        NotImplementedError,
-        RuntimeError,
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
+    except Exception as error:  # zip, zlib and NumPy raise whatever a damaged file makes them meet
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise UserError(f"{path}: not an .npz file of numbers, or damaged ({reason})") from error
     position, volume = arrays["position"], arrays["volume"]
@@ -96,14 +94,30 @@ def _read_npz(path: Path) -> PointCloud:
         if name in arrays and arrays[name].min() <= 0.0:
             raise UserError(f"{path}: '{name}' is not positive everywhere")
     check_spacing(str(path), position, volume)
-    return PointCloud(**arrays)
+    return PointCloud(position, arrays["velocity"], volume, density=arrays.get("density"))
+
+
+def _check_headers(archive: zipfile.ZipFile) -> None:
+    """Raises ValueError for an array whose header claims more than its member holds: NumPy makes room for it first."""
+    for member in archive.infolist():
+        if not member.filename.endswith(".npy"):
+            continue
+        with archive.open(member) as file:
+            version = np.lib.format.read_magic(file)
+            read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            shape, _, dtype = read(file)
+        if math.prod(shape) * max(dtype.itemsize, 1) > member.file_size:
+            raise ValueError(f"{member.filename[:60]!a} claims the shape {shape}, more than it holds")
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     """Those of ARRAYS in double precision. Objects are refused: reading one would run code from the file."""
     with zipfile.ZipFile(path) as archive:
-        if sum(member.file_size for member in archive.infolist()) > MAXIMUM_POINT_FILE_BYTES:
+        sizes = [member.file_size for member in archive.infolist()]
+        if sum(sizes) > MAXIMUM_POINT_FILE_BYTES:
             raise UserError(f"{path}: claims more than {MAXIMUM_POINT_FILE_BYTES / 1024**3:g} GiB of points")
+        require_room(sum(sizes), str(path))
+        _check_headers(archive)
     with np.load(path, allow_pickle=False) as file:
         for name in REQUIRED:
             if name not in file:

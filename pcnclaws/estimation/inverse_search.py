@@ -13,7 +13,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from pcnclaws.estimation.inverse import InverseModule
 from pcnclaws.training.callbacks import CheckpointEachCheck
-from pcnclaws.training.checkpoints import AtomicCheckpointIO, newest_checkpoint
+from pcnclaws.training.checkpoints import AtomicCheckpointIO, Resumption, newest_checkpoint
 from pcnclaws.training.trainer import interruptible
 
 log = logging.getLogger(__name__)
@@ -25,6 +25,8 @@ def fit_inverse(module: InverseModule, folder: Path, console: Console) -> None:
     folder  checkpoints/ and tensorboard/ are written there; a search that was interrupted goes on
     """
     checkpoints = folder / "checkpoints"
+    checkpoint = newest_checkpoint(checkpoints)
+    resumption = Resumption(checkpoint)
     trainer = Trainer(
         accelerator="cpu",
         devices=1,
@@ -32,7 +34,7 @@ def fit_inverse(module: InverseModule, folder: Path, console: Console) -> None:
         max_epochs=module.estimator.iterations,
         logger=TensorBoardLogger(folder, name="tensorboard", version=""),
         log_every_n_steps=1,
-        callbacks=[CheckpointEachCheck(checkpoints), _Lines(console)],
+        callbacks=[resumption, CheckpointEachCheck(checkpoints), _Lines(console)],
         enable_progress_bar=False,
         enable_model_summary=False,
     )
@@ -41,8 +43,8 @@ def fit_inverse(module: InverseModule, folder: Path, console: Console) -> None:
         warnings.filterwarnings("ignore", message=".*does not have many workers.*")
         warnings.filterwarnings("ignore", message=".*configure_optimizers. returned .None.*")
         warnings.filterwarnings("ignore", message=".*treespec, LeafSpec.*")
-        with interruptible(checkpoints):
-            trainer.fit(module, DataLoader(_Once()), ckpt_path=newest_checkpoint(checkpoints), weights_only=True)
+        with interruptible(checkpoints), resumption.one_line_faults():
+            trainer.fit(module, DataLoader(_Once()), ckpt_path=checkpoint, weights_only=True)
 
 
 class _Once(Dataset[int]):

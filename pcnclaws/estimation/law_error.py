@@ -37,7 +37,7 @@ def known_law_error(folder: Path | None) -> float:
     if path.is_file():
         try:
             return max(float(json.loads(path.read_text(encoding="utf-8"))["law_error"]), ROUNDING)
-        except (ValueError, KeyError, TypeError, OSError) as fault:
+        except (ValueError, LookupError, TypeError, OSError, OverflowError, RecursionError) as fault:
             raise UserError(f"{path}: cannot be read; accepted: the output of python -m pcnclaws.calibrate") from fault
     error = _validation_error(folder)
     log.warning(
@@ -107,5 +107,5 @@ def _validation_error(folder: Path) -> float:
     try:
         notes: Mapping[str, Any] = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
         return math.sqrt(float(notes["training"]["validation_mse"]))
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, LookupError, TypeError, OverflowError, RecursionError):
         return 1e-3

@@ -108,7 +108,7 @@ class Body:
         count = len(where)
         each = {"volume": volume} if density is None else {"volume": volume, "density": density}
         arrays = {name: _positive(name, values, count) for name, values in each.items()}
-        return cls("points", PointCloud(where, np.zeros_like(where), **arrays))
+        return cls("points", PointCloud(where, np.zeros_like(where), arrays["volume"], density=arrays.get("density")))
 
     @property
     def position(self) -> Float[Tensor, "particles 3"]:

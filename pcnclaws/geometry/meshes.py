@@ -4,6 +4,7 @@ The lattice is the cube's: `per_edge` points along the longest edge of the mesh'
 many of the same spacing as fit, centred.
 """
 
+import io
 import logging
 from pathlib import Path
 from types import ModuleType
@@ -22,6 +23,8 @@ log = logging.getLogger(__name__)
 # A point this near to the surface, relative to its distance from the origin, is on it but for the single precision of
 # most files.
 ROUNDING = 1e-5
+# Formats whose readers are part of trimesh; archives and XML, which can grow as they are read, are not among them.
+ENDINGS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf")
 ACCEPTED = "accepted: a watertight surface mesh, such as an .stl, .obj, .ply, .off or .glb file"
 
 
@@ -159,12 +162,21 @@ def _triangles(
     """The file's triangles, without those that use a vertex twice."""
     if not Path(path).is_file():
         raise UserError(f"{named}: no such file; {ACCEPTED}")
+    ending = Path(path).suffix.lower()
+    if ending not in ENDINGS:
+        raise UserError(f"{named}: '{ending}' is no known format; accepted: a file ending in {', '.join(ENDINGS)}")
     try:
-        mesh = trimesh.load_mesh(str(path), process=False)
+        # of bytes without a name trimesh follows no name to other files: materials, textures, buffers
+        content = io.BytesIO(Path(path).read_bytes())
+        mesh = trimesh.load_mesh(content, file_type=ending[1:], process=False)
         vertices, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
     except Exception as error:  # trimesh's many readers raise whatever a damaged file makes them meet
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise UserError(f"{named} cannot be read by trimesh ({reason}); {ACCEPTED}") from error
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
+        raise UserError(f"{named} holds no triangles of three coordinates; {ACCEPTED}")
+    if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
+        raise UserError(f"{named} names the vertices {faces.min()} to {faces.max()} of {len(vertices)}; {ACCEPTED}")
     faces = faces[_has_three_corners(faces)]
     if len(faces) == 0:
         raise UserError(f"{named} holds no triangle; {ACCEPTED}")

@@ -2,8 +2,9 @@
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ class PointCloud(NamedTuple):
     affine       APIC velocity gradient C [1/s], (particles, 3, 3), None for 0
     deformation  elastic deformation gradient F [-], (particles, 3, 3), None for I
     density      [kg/m^3], (particles,), None where it is that of the settings
+    internal     internal variables by name, each (particles,), those of an undeformed body where they are missing
     """
 
     position: Float[np.ndarray, "particles 3"]
@@ -37,6 +39,7 @@ class PointCloud(NamedTuple):
     affine: Float[np.ndarray, "particles 3 3"] | None = None
     deformation: Float[np.ndarray, "particles 3 3"] | None = None
     density: Float[np.ndarray, " particles"] | None = None
+    internal: Mapping[str, Float[np.ndarray, " particles"]] = MappingProxyType({})
 
 
 def particles(

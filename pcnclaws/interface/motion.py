@@ -1,6 +1,7 @@
 """What a simulation gives back: the motion of a scene, particle-first."""
 
 import logging
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ class Motion:
     position     [m], (frames, particles, 3)
     velocity     [m/s], (frames, particles, 3)
     deformation  elastic deformation gradient F [-], (frames, particles, 3, 3), None unless it was asked for
+    internal     internal variables of the law by name, each (frames, particles); none unless F was asked for
     impulses     of each collider on the body since the start [N s], (frames, colliders, 3), always double precision
     record       the same as NumPy arrays, with the settings and parameters of the scene
     """
@@ -33,6 +35,7 @@ class Motion:
     position: Float[Tensor, "frames particles 3"]
     velocity: Float[Tensor, "frames particles 3"]
     deformation: Float[Tensor, "frames particles 3 3"] | None
+    internal: Mapping[str, Float[Tensor, "frames particles"]]
     impulses: Float[Tensor, "frames colliders 3"]
 
     def __init__(self, record: SceneRecord, device: torch.device | str = "cpu", varying: tuple[str, ...] = ()) -> None:
@@ -49,7 +52,9 @@ class Motion:
         )
         impulses = np.zeros((len(record.time), 0, 3)) if record.impulses is None else record.impulses
         self.impulses = tensor(impulses)
-        self.deformation = None if record.keyframes is None else tensor(record.keyframes.deformation)
+        states = record.states_at_frames
+        self.deformation = None if states is None else tensor(states.deformation)
+        self.internal = {} if states is None else {name: tensor(values) for name, values in states.internal.items()}
 
     def __len__(self) -> int:
         """Number of frames."""

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd import forward_ad
 
+from pcnclaws.data.restart_files import Restart, read_restart, restart
 from pcnclaws.data.units import check_spacing
 from pcnclaws.errors import SimulationDiverged, UserError, unknown_name
 from pcnclaws.geometry.body import Body
@@ -31,6 +33,7 @@ from pcnclaws.simulation.particle_spacing import warn_of_sparse_particles
 from pcnclaws.simulation.placement import require_inside, require_loaded, require_volume
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
+from pcnclaws.simulation.restart import with_exact_masses
 from pcnclaws.simulation.rollout import positions_at
 from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.simulator import simulator_of
@@ -40,6 +43,8 @@ log = logging.getLogger(__name__)
 
 NOTHING = (0.0, 0.0, 0.0)
 OPTIONS = ("body", "law", "velocity", "spin", "settings", "colliders", "loads", "start_time", "name")
+# What a restart state says itself.
+OF_STARTS = ("body", "velocity", "spin", "start_time")
 
 
 class Scene:
@@ -94,6 +99,7 @@ class Scene:
         self._velocity, self._affine = body.start_motion(
             vector("velocity", velocity, ((3,), (len(body), 3))), vector("spin", spin, ((3,),))
         )
+        self._restart: Restart | None = None
         self._start = self._checked_start()
         self._said: set[object] = set()
 
@@ -122,6 +128,36 @@ class Scene:
         arguments = {"body": self.body, "law": self.law} | self._given | changes
         scene = Scene(**arguments)
         scene._said = self._said  # a loop hears once of what is doubtful
+        if self._restart is not None:
+            for name in OF_STARTS:
+                if name in changes:
+                    raise UserError(f"scene.{name} has no effect on a scene that goes on from a restart state")
+            scene._go_on(self._restart)
+        return scene
+
+    def restarted(self, source: Motion | str | Path, frame: int = -1, name: str | None = None) -> "Scene":
+        """The scene from a recorded frame of its motion on: k steps and N - k steps are N steps, to the last bit.
+
+        Position, velocity, C, F and internal variables are those of the frame; law, parameters, settings, colliders and
+        loads stay those of the scene, at the time of the frame. What differs from the recording is named in one line.
+
+        source  a trajectory file, or a motion, with restart states: `deformation=True`, `keyframe_every=` of simulate
+        frame   counted from the end where it is negative
+        name    of the scene, where the file holds several
+        raises  UserError for a frame without restart state, and for another number of particles
+        """
+        if isinstance(source, Motion):
+            found = restart(source.record, frame, "frame")
+        else:
+            found = read_restart(source, name, frame, "frame")
+        if len(found.state.position) != len(self.body):
+            raise UserError(
+                f"frame={frame} of {found.record.label} has {len(found.state.position)} particles; accepted: those of "
+                f"the scene, {len(self.body)}"
+            )
+        scene = self.with_() if self._restart is None else Scene(self.body, self.law, **self._given)
+        scene._said = self._said
+        scene._go_on(found)
         return scene
 
     def simulate(
@@ -139,7 +175,7 @@ class Scene:
         dtype         of the simulation and of the motion; None: that of the tensors that the scene was given, else
                       torch.float32
         device        None: that of these tensors, else the CPU
-        deformation   keep F at the frames, and with it restart states in trajectory files
+        deformation   keep F and internal variables at the frames, and with them restart states in trajectory files
         raises        UserError for a time step above the stability boundary, SimulationDiverged, naming scene, step and
                       particle
         """
@@ -205,7 +241,8 @@ class Scene:
 
     def _differentiable_batch(self, precision: Precision) -> SceneBatch:
         """The scene as a batch of one, through which derivatives reach what was given."""
-        batch = batch_scenes([self._start], precision.dtype, precision.device)
+        remembered = self.law.laws.internal_variables
+        batch = batch_scenes([self._start], precision.dtype, precision.device, remembered)
         velocity, affine = (one.to(precision.device, precision.dtype) for one in (self._velocity, self._affine))
         state = batch.state._replace(velocity=particles_last(velocity), affine=particles_last(affine))
         parameters = of_particles(self._values, (len(self.body),), batch.state.position)
@@ -223,6 +260,16 @@ class Scene:
     def _tensors(self) -> list[Any]:
         """What decides on the precision: what the scene was given, and weights that somebody trains."""
         return [*self._given.values(), *(weight for weight in self.law.parameters() if weight.requires_grad)]
+
+    def _go_on(self, found: Restart) -> None:
+        """Makes this scene start from a restart state."""
+        self._restart, own = found, self._start
+        settings = replace(own.settings, time_step=found.time_step) if self.settings.is_automatic else own.settings
+        later = found.going_on(own.material, own.parameters, settings)
+        self._start = replace(later, name=self.name, varying=own.varying, volume=own.volume, density=own.density)
+        self._velocity = torch.from_numpy(later.velocity.astype(np.float64))
+        affine = np.zeros((len(self.body), 3, 3)) if later.affine is None else later.affine.astype(np.float64)
+        self._affine = torch.from_numpy(affine)
 
     def _checked_start(self) -> SceneStart:
         start_time = self._given["start_time"]
@@ -311,7 +358,7 @@ def simulate_scenes(
             named = next((start for start in group if f"scene '{start.name}'" in str(error)), group[0])
             raise type(error)(f"{error}; {stability_of(named, law.material).advice(error)}") from error
         for k, record in zip(of_law, records, strict=True):
-            motions[k] = Motion(record, precision.device, tuple(starts[k].varying))
+            motions[k] = Motion(with_exact_masses(record, starts[k]), precision.device, tuple(starts[k].varying))
     return [motions[k] for k in range(len(scenes))]
 
 

@@ -68,6 +68,7 @@ class ActiveScenes:
     step_of     makes the step of some scenes
     free_steps  steps after which each scene begins to run, in free fall until then
     impulses    is told which scenes run
+    fallen_steps  steps of free fall that each scene has behind it since the state of the batch
 
     `n` is the step reached, `group` the scenes that run, `state` theirs, `step` their step, `joins` the steps after
     which scenes begin to run.
@@ -80,6 +81,7 @@ class ActiveScenes:
         time_step: float,
         free_steps: Sequence[int],
         impulses: ImpulseSum | None = None,
+        fallen_steps: Sequence[int] | None = None,
     ) -> None:
         self._step_of, self._scenes, self._parameters, self._time_step = step_of, *batch[1:3], time_step
         self._free_steps, self.impulses = list(free_steps), impulses
@@ -88,7 +90,9 @@ class ActiveScenes:
         self._idle = batch.state
         self._left: set[int] = set()
         self.n = 0
-        self._regroup(batch.state)
+        self._fallen = [0] * batch.scenes.scene_count if fallen_steps is None else list(fallen_steps)
+        falls_on = any(self._fallen)
+        self._regroup(fallen(batch.state, self._scenes, time_step, self._fallen) if falls_on else batch.state)
 
     @property
     def any_running(self) -> bool:
@@ -99,7 +103,8 @@ class ActiveScenes:
         """The state of all scenes at step n."""
         if self.group.particles is None:
             return self.state
-        counts = [0 if k in self._left else min(self.n, free) for k, free in enumerate(self._free_steps)]
+        falling = enumerate(zip(self._fallen, self._free_steps, strict=True))
+        counts = [0 if k in self._left else before + min(self.n, free) for k, (before, free) in falling]
         return self.group.put_into(fallen(self._idle, self._scenes, self._time_step, counts), self.state)
 
     def reached(self, n: int, state: ParticleState) -> None:

@@ -11,6 +11,7 @@ from pcnclaws.simulation.batch import SceneBatch, batch_scenes
 from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
 from pcnclaws.simulation.recording import FramePlan, Trajectory
 from pcnclaws.simulation.records import Keyframes, SceneRecord
+from pcnclaws.simulation.restart import going_on_falling
 from pcnclaws.simulation.rollout import simulate_scenes
 from pcnclaws.simulation.scenes import SceneStart, group_by_settings
 from pcnclaws.simulation.simulator import simulator_of
@@ -34,7 +35,9 @@ def simulate_records(
     for group in group_by_settings(starts):
         simulator = copy.deepcopy(simulator_of(laws, group[0].settings, skips)).to(device=device, dtype=dtype)
         batch = batch_scenes(group, dtype, device, laws.internal_variables)
-        trajectory = simulate_scenes(simulator, batch, plan, skips, execution.progress)
+        whole_plan = plan._replace(start_state=any(start.is_deformed for start in group))
+        begun, fallen_steps = going_on_falling(group, batch) if skips.free_fall else (batch, None)
+        trajectory = simulate_scenes(simulator, begun, whole_plan, skips, execution.progress, fallen_steps=fallen_steps)
         done |= {
             id(start): record for start, record in zip(group, _records(group, batch, trajectory, names), strict=True)
         }
@@ -75,6 +78,7 @@ def _records(
                 else start.affine.astype(position.dtype),
                 density=None if start.density is None else start.density.astype(position.dtype),
                 impulses=trajectory.impulses[:, scene].numpy() if start.settings.colliders else None,
+                loaded_at=None if start.loaded_at is None else start.loaded_at.astype(position.dtype),
             )
         )
     return records

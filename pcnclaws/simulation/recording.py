@@ -41,17 +41,21 @@ class FramePlan(NamedTuple):
     every           frames are kept at every `every`-th step
     keyframe_every  full states are kept at every `keyframe_every`-th step, 0 for none
     velocities      velocities are kept at the frames, too
+    start_state     a full state is kept of the start, if of no other step
     """
 
     steps: int
     every: int = 1
     keyframe_every: int = 0
     velocities: bool = False
+    start_state: bool = False
 
     @property
     def keyframes(self) -> list[int]:
         """Steps of the keyframes."""
-        return list(range(0, self.steps + 1, self.keyframe_every)) if self.keyframe_every > 0 else []
+        if self.keyframe_every > 0:
+            return list(range(0, self.steps + 1, self.keyframe_every))
+        return [0] if self.start_state else []
 
     @property
     def frames(self) -> list[int]:

@@ -56,6 +56,7 @@ class SceneRecord:
     initial_affine    APIC velocity gradient C at the first frame [1/s], (particles, 3, 3), None for 0
     density           of each particle [kg/m^3], (particles,), None where it is that of the settings
     impulses          of each collider on the body since the start [N s], (frames, colliders, 3), None when not recorded
+    loaded_at         positions by which loads act on particles [m], (particles, 3), None for those of the first frame
     """
 
     name: str
@@ -72,11 +73,18 @@ class SceneRecord:
     initial_affine: Float[np.ndarray, "particles 3 3"] | None = None
     density: Float[np.ndarray, " particles"] | None = None
     impulses: Float[np.ndarray, "frames colliders 3"] | None = None
+    loaded_at: Float[np.ndarray, "particles 3"] | None = None
 
     @property
     def label(self) -> str:
         """The scene in an error message: its file, where it has one, and its name."""
         return f"{self.source}: scene '{self.name}'" if self.source else f"scene '{self.name}'"
+
+    @property
+    def states_at_frames(self) -> Keyframes | None:
+        """The restart states, where all frames have one."""
+        keyframes = self.keyframes
+        return keyframes if keyframes is not None and len(keyframes.step) == len(self.time) else None
 
     def frame_steps(self) -> Int64[np.ndarray, " frames"]:
         """The step that each frame shows, counted from the first frame, (frames,).

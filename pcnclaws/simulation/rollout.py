@@ -71,21 +71,25 @@ def simulate_scenes(
     plan: FramePlan,
     skips: Skips | None = None,
     progress: Progress | None = None,
+    fallen_steps: Sequence[int] | None = None,
 ) -> Trajectory:
     """Runs the scenes of a batch without gradients, each one only while it needs steps, and records them.
 
-    plan      the number of steps and what is kept of them
-    skips     what is left out, everything by default
-    progress  called with the number of steps just done
-    raises    SimulationDiverged, naming scene, step and particle, as soon as a frame is due
+    plan          the number of steps and what is kept of them
+    skips         what is left out, everything by default
+    progress      called with the number of steps just done
+    fallen_steps  steps of free fall that each scene has behind it since the state of the batch
+    raises        SimulationDiverged, naming scene, step and particle, as soon as a frame is due
     """
     skips = skips or Skips()
     settings = simulator.integrator.settings
     batch = batch._replace(state=simulator.started(batch.state))
-    free = _free_steps(simulator, batch, plan.steps, skips)
+    before = [0] * batch.scenes.scene_count if fallen_steps is None else fallen_steps
+    free = _free_steps(simulator, batch, plan.steps + max(before), skips)
+    free = [min(max(n - gone, 0), plan.steps) for n, gone in zip(free, before, strict=True)]
     impulses = ImpulseSum(batch.scenes.scene_count, len(settings.colliders)) if settings.colliders else None
     step_of = partial(simulator.step_function, take_impulses=impulses.take if impulses else None)
-    run = ActiveScenes(step_of, batch, settings.time_step, free, impulses)
+    run = ActiveScenes(step_of, batch, settings.time_step, free, impulses=impulses, fallen_steps=before)
     recording = Recording(plan, batch.state, not skips.history, impulses)
     # what changes with time may wake a scene that rests
     rests = skips.rest and not (settings.changes or simulator.takes_time)

@@ -16,6 +16,19 @@ from pcnclaws.simulation.records import Keyframes, SceneRecord
 
 
 @dataclass(frozen=True)
+class Fall:
+    """The start of a free fall that a scene may be in the midst of, and how many steps ago it was.
+
+    position  [m], (particles, 3)
+    velocity  [m/s], (particles, 3)
+    """
+
+    steps: int
+    position: Float[np.ndarray, "particles 3"]
+    velocity: Float[np.ndarray, "particles 3"]
+
+
+@dataclass(frozen=True)
 class SceneStart:
     """Where a scene starts: everything that a simulation needs but the laws.
 
@@ -31,6 +44,7 @@ class SceneStart:
                  ones of a run that starts later
     varying      physical parameters that differ between the particles, by name, each (particles,); what is recorded
                  of the scene does not hold them
+    fall         of a scene that goes on from a later frame: the free fall that it goes on with, if it is one
     """
 
     name: str
@@ -46,6 +60,12 @@ class SceneStart:
     internal: Mapping[str, Float[np.ndarray, " particles"]] = field(default_factory=dict)
     loaded_at: Float[np.ndarray, "particles 3"] | None = None
     varying: Mapping[str, Float[np.ndarray, " particles"]] = field(default_factory=dict)
+    fall: Fall | None = None
+
+    @property
+    def is_deformed(self) -> bool:
+        """Whether the body starts with strain or internal variables of its own, which only a restart state can hold."""
+        return self.deformation is not None or bool(self.internal)
 
     @property
     def lightest(self) -> SimulationSettings:
@@ -84,6 +104,7 @@ def start_of(record: SceneRecord) -> SceneStart:
         volume=record.volume,
         affine=record.initial_affine,
         density=record.density,
+        loaded_at=record.loaded_at,
     )
     keyframes = record.keyframes
     if keyframes is None or keyframes.step[0] != 0:
@@ -98,7 +119,7 @@ def restarted(start: SceneStart, keyframes: Keyframes, row: int) -> SceneStart:
     return replace(
         start,
         settings=replace(settings, start_time=settings.time_at(step)) if settings.changes and step else settings,
-        loaded_at=start.position if settings.loads else None,
+        loaded_at=(start.position if start.loaded_at is None else start.loaded_at) if settings.loads else None,
         position=keyframes.position[row],
         velocity=keyframes.velocity[row],
         affine=keyframes.affine[row],

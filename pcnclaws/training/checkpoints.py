@@ -1,14 +1,17 @@
 """Checkpoints that survive a kill: plain types, written whole or not at all, the one before kept beside."""
 
 import logging
-import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import torch
 from lightning.fabric.plugins.io.checkpoint_io import CheckpointIO
+from lightning.pytorch import Callback, LightningModule, Trainer
 
 from pcnclaws.atomic import replaced_file
+from pcnclaws.errors import CannotWrite, UserError
 
 log = logging.getLogger(__name__)
 
@@ -31,6 +34,35 @@ class AtomicCheckpointIO(CheckpointIO):
         Path(path).unlink(missing_ok=True)
 
 
+class Resumption(Callback):
+    """Names a checkpoint that a run cannot go on from: what fails before the first step, fails for its sake.
+
+    checkpoint  None for a run that starts anew
+    """
+
+    def __init__(self, checkpoint: Path | None) -> None:
+        self._checkpoint, self._began = checkpoint, False
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        self._began = True
+
+    @contextmanager
+    def one_line_faults(self) -> Iterator[None]:
+        """Around the fit; UserError of one line for a checkpoint of something else."""
+        try:
+            yield
+        except (UserError, CannotWrite, OSError):
+            raise
+        except Exception as fault:
+            if self._checkpoint is None or self._began:
+                raise
+            text = " ".join(str(fault).split())[:200]
+            raise UserError(
+                f"{self._checkpoint} does not fit this run ({type(fault).__name__}: {text}); accepted: a checkpoint "
+                "that it left, or overwrite=true"
+            ) from fault
+
+
 def newest_checkpoint(folder: Path) -> Path | None:
     """The newest checkpoint of a folder that can be read whole; None if there is none.
 
@@ -40,9 +72,11 @@ def newest_checkpoint(folder: Path) -> Path | None:
         if not path.exists():
             continue
         try:
-            AtomicCheckpointIO().load_checkpoint(path)
-        except (RuntimeError, EOFError, OSError, pickle.UnpicklingError, KeyError, ValueError) as fault:
+            found = AtomicCheckpointIO().load_checkpoint(path)
+        except Exception as fault:  # zip and the reader of plain types raise whatever a damaged file makes them meet
             log.warning("%s is damaged and is passed over (%s)", path, type(fault).__name__)
-        else:
+            continue
+        if isinstance(found, dict):
             return path
+        log.warning("%s is no checkpoint of a run and is passed over", path)
     return None

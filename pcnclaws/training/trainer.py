@@ -14,7 +14,7 @@ from pcnclaws.data.datamodule import CheckedDataModule
 from pcnclaws.errors import Interrupted, SimulationDiverged, is_full
 from pcnclaws.training.budget import WallClock
 from pcnclaws.training.callbacks import BestWeights, CheckpointEachCheck, History
-from pcnclaws.training.checkpoints import LAST, AtomicCheckpointIO, newest_checkpoint
+from pcnclaws.training.checkpoints import LAST, AtomicCheckpointIO, Resumption, newest_checkpoint
 from pcnclaws.training.loop import Loop
 from pcnclaws.training.progress import TrainingProgress
 from pcnclaws.training.watched import WatchedModule
@@ -62,6 +62,7 @@ def fit(
     history, best = History(), BestWeights(module.model)
     checkpoints = folder / "checkpoints"
     checkpoint = newest_checkpoint(checkpoints)
+    resumption = Resumption(checkpoint)
     clock = clock or WallClock(None)
     progress = TrainingProgress(data.iterations, console, clock)
     trainer = loop.made_trainer(
@@ -73,7 +74,15 @@ def fit(
         logger=loop.made_logger(folder),
         log_every_n_steps=min(loop.log_every, data.check_every),
         num_sanity_val_steps=0,
-        callbacks=[history, best, clock, *loop.made_callbacks(), CheckpointEachCheck(checkpoints), progress],
+        callbacks=[
+            resumption,
+            history,
+            best,
+            clock,
+            *loop.made_callbacks(),
+            CheckpointEachCheck(checkpoints),
+            progress,
+        ],
         enable_checkpointing=True,
         enable_progress_bar=False,
         enable_model_summary=False,
@@ -85,7 +94,7 @@ def fit(
         warnings.filterwarnings("ignore", message="Experiment logs directory .* exists and is not empty.*")  # goes on
         warnings.filterwarnings("ignore", message=".*treespec, LeafSpec.*")  # Lightning's own business
         try:
-            with interruptible(checkpoints):
+            with interruptible(checkpoints), resumption.one_line_faults():
                 trainer.fit(module, datamodule=data, ckpt_path=checkpoint, weights_only=True)
         except SimulationDiverged as divergence:
             if not best.weights:

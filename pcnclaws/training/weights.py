@@ -52,7 +52,7 @@ def read_weights(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
             notes = json.loads((file.metadata() or {})["pcnclaws"])
             names = file.keys()
             weights = {name: file.get_tensor(name) for name in names}
-    except (SafetensorError, OSError, KeyError, ValueError) as fault:
+    except (SafetensorError, OSError, KeyError, ValueError, TypeError, RecursionError) as fault:
         raise UserError(f"{path} is damaged or was not written by pcnclaws ({type(fault).__name__})") from fault
     if not isinstance(notes, dict):
         raise UserError(f"{path} was not written by pcnclaws")
