@@ -11,6 +11,7 @@ from pcnclaws.estimation.law_error import CALIBRATION, calibrated_error, known_l
 from pcnclaws.estimation.uncertainty import QUANTILE_95
 from pcnclaws.evaluation.report import write_metrics
 from pcnclaws.geometry.shapes import spin_velocity
+from pcnclaws.guards import counts
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.provenance import provenance
@@ -45,7 +46,9 @@ def calibrate(config: CalibrateConfig) -> None:
     if before is not None:
         values |= {"law_error_before": before, "covered_before": _covered(values["projected"], before)}
         print(f"{values['covered_before']:.1%} of the numbers lie in the intervals of the calibration that was there")
-    write_metrics(output, {"material": material.name, **values, "provenance": provenance(config.seed)})
+    write_metrics(
+        output, {"material": material.name, **values, "guards": counts(), "provenance": provenance(config.seed)}
+    )
     print(f"wrote {output}: the law moves markers wrongly by {values['law_error']:.2e} m")
 
 

@@ -42,6 +42,7 @@ from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.uncertainty import uncertainty
 from pcnclaws.estimation.unknowns import Unknowns
 from pcnclaws.evaluation.report import write_metrics
+from pcnclaws.guards import counts
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.training_ranges import outside_training_data
 from pcnclaws.provenance import provenance
@@ -110,6 +111,7 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
         "iterations": module.iterations,
         "history": [{"values": list(numbers), "mse": error} for numbers, error in module.history],
         "seconds": round(time.monotonic() - started, 1),
+        "guards": counts(),
         "provenance": provenance(config.seed) | {"precision": config.precision},
     }
     for path in _extras(config, output, module, findings):

@@ -27,6 +27,7 @@ from pcnclaws.evaluation.frames import in_automatic_time_step
 from pcnclaws.evaluation.gallery import leave_map, leave_pictures, leave_sheet
 from pcnclaws.evaluation.report import Outcomes, metrics, results_table, survived, write_metrics
 from pcnclaws.evaluation.tasks import evaluate_records, require_material, steps_to_run
+from pcnclaws.guards import counts
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.provenance import provenance
 from pcnclaws.simulation.motion import SceneSimulator
@@ -64,7 +65,7 @@ def evaluate(config: EvaluateConfig) -> Mapping[str, float | None]:
     }
     origin = provenance(config.seed, device_from(config.device)) | {"precision": config.precision}
     values: dict[str, Any] = metrics(outcomes, curves=config.task.name != MAP) | ({"floor": floors} if floors else {})
-    write_metrics(output, source | values | {"provenance": origin})
+    write_metrics(output, source | values | {"guards": counts(), "provenance": origin})
     print(f"wrote {output}")
     return {
         "MSE [m^2]": values["mse"],

@@ -27,6 +27,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from rich.console import Console
 
+from pcnclaws import guards
 from pcnclaws.commands.choices import offer_choices
 from pcnclaws.commands.composition import (
     CONFIG_ERRORS,
@@ -156,7 +157,10 @@ class Jobs:
         try:
             options = self._checked(config, overrides)
             output = str(options.output)
+            guards.restart()
             numbers = self.task(options) or {}
+            if words := guards.in_words():
+                print(f"guards: {words}", file=sys.stderr)
             self._done.append(Job(overrides, 0, output, numbers))
         except Exception as error:
             status = self.record(error, f"job '{' '.join(overrides)}': " if multirun else "")

@@ -16,6 +16,7 @@ from pcnclaws.evaluation.divergence import survivors
 from pcnclaws.evaluation.gallery import leave_pictures
 from pcnclaws.evaluation.report import Outcomes, metrics, results_table, survived, write_metrics
 from pcnclaws.evaluation.tasks import SceneResult, evaluate_records, steps_to_run
+from pcnclaws.guards import counts
 from pcnclaws.laws.materials import material_named
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.provenance import provenance
@@ -66,7 +67,8 @@ def write_report(report: Report, seed: int, pictures: bool, console: Console) ->
     origin = provenance(seed, execution.device) | {"precision": str(execution.dtype).removeprefix("torch.")}
     # of this command alone: data that was there and iterations before an interruption are not in it
     seconds = round(time.monotonic() - report.started, 1)
-    values = _metrics(report, after, before, published) | {"seconds": seconds, "provenance": origin}
+    values = _metrics(report, after, before, published) | {"seconds": seconds, "guards": counts()}
+    values |= {"provenance": origin}
     write_metrics(report.folder / METRICS, values)
     console.print(f"wrote {report.folder / METRICS}")
     console.print(f"use it with law={report.folder}")

@@ -22,6 +22,7 @@ from pcnclaws.compiled.calls import (
 )
 from pcnclaws.compiled.law_source import LawKernel
 from pcnclaws.compiled.structures import LawArrays, LawFields, LawInput, weights_structure
+from pcnclaws.guards import counts_elsewhere
 
 
 def isotropic_law(law: LawKernel, given: LawArrays, evaluated: bool = True) -> tuple[Tensor, Tensor | None]:
@@ -53,6 +54,9 @@ def fallbacks() -> int:
     Stretches from 0.01 to 100 do without. Waits for GPUs that laws ran on.
     """
     return build.fallbacks() + gpu.fallbacks()
+
+
+counts_elsewhere("principal_axes_by_the_slow_path", fallbacks)
 
 
 def _contiguous(tensors: Sequence[Tensor | None]) -> LawArrays:

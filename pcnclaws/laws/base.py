@@ -16,11 +16,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from pcnclaws.compiled.backend import configured_backend
 from pcnclaws.compiled.calls import kernels_serve
 from pcnclaws.compiled.isotropic_laws import LawArrays, isotropic_law, law_serves
 from pcnclaws.compiled.law_source import LawKernel, LawShape, law_kernel
 from pcnclaws.compiled.symbols import Branches, Symbol, Untraceable, derivative
 from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.guards import count
 from pcnclaws.laws import principal
 from pcnclaws.laws.internal_variables import InternalVariable, start_values
 from pcnclaws.laws.networks import ConditionalMLP
@@ -106,11 +108,13 @@ class Law(nn.Module, ABC):
             internal = start_values(self.internal_variables, deformation)
         kernel = self.kernel
         if kernel is None:
+            _count_pytorch()
             return self._evaluated(deformation, parameters, internal)
         network = self._network
         weights = network.all_weights if network is not None else ()
         given = list(parameters.values()) if internal is None else [*parameters.values(), internal]
         if not kernels_serve(deformation, given, weights=weights) or not law_serves(kernel, deformation):
+            _count_pytorch()
             return self._evaluated(deformation, parameters, internal)
         rows = parameters.rows_of(self) if isinstance(parameters, FixedParameters) else None
         if rows is None:
@@ -381,3 +385,8 @@ class Plasticity(Law):
         result, after = principal.elastic_deformation(deformation, self.response(known))
         names = [variable.name for variable in self.internal_variables]
         return result, dict(zip(names, after.to(deformation.dtype).unbind(0), strict=True))
+
+
+def _count_pytorch() -> None:
+    if configured_backend() == "auto":
+        count("law_evaluations_in_pytorch")

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 
+from pcnclaws.guards import count
 from pcnclaws.laws.parameters import PARAMETERS
 
 
@@ -15,4 +16,5 @@ def outside_training_data(
             if name in values and not low * (1.0 - 1e-6) <= values[name] <= high * (1.0 + 1e-6):
                 unit = "" if PARAMETERS[name].unit == "-" else f" {PARAMETERS[name].unit}"
                 faults[f"{name}={values[name]:g} (trained on {low:g} to {high:g}{unit})"] = None
+    count("parameters_outside_training_data", len(faults))
     return f"used outside its training data: {', '.join(faults)}" if faults else None

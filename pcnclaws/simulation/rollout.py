@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pcnclaws.errors import ParticleEscaped, SimulationDiverged
+from pcnclaws.guards import count as count_guard
 from pcnclaws.mpm.diagnostics import failing_particles, left_domain, why_failing
 from pcnclaws.mpm.settings import UNIT_BOX, Domain
 from pcnclaws.mpm.state import ParticleState, Scenes
@@ -248,6 +249,8 @@ def _require_physical(run: ActiveScenes, failed: ParticleMask, count: int, repor
     while not bool((failing := failing_particles(state, report.limits)).any()) and n < run.n + count:
         state, n = run.step(state, n), n + 1
     again = bool(failing.any())
+    count_guard("particles_that_failed", int((failing if again else failed).sum()))
+    count_guard("scenes_that_diverged")
     particle = int((failing if again else failed).nonzero()[0])
     # on a GPU two runs differ by rounding
     why = (

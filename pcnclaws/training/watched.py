@@ -10,6 +10,7 @@ from lightning.pytorch import LightningModule
 from torch import Tensor, nn
 
 from pcnclaws.errors import SimulationDiverged
+from pcnclaws.guards import count
 from pcnclaws.simulation.motion import SceneSimulator
 from pcnclaws.simulation.records import SceneRecord
 
@@ -58,6 +59,7 @@ class WatchedModule(LightningModule, ABC):
         optimizer.zero_grad(set_to_none=True)
         for weight, good in zip(self.parameters(), self._good, strict=False):
             weight.data.lerp_(good.to(weight.device), 0.5)
+        count("iterations_without_gradient")
         self.skipped, self.skipped_in_row = self.skipped + 1, self.skipped_in_row + 1
         log.warning(
             "iteration %d skipped: its gradient is not finite (%d skipped so far)",
