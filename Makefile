@@ -32,6 +32,7 @@ test-gpu: $(INSTALLED) ## run the tests that need a GPU
 tables: $(INSTALLED) ## write the pages of results from the JSON files in docs/results
 	$(RUN) benchmarks.pages docs/results/accuracy docs/results.md docs/results/baselines docs/comparison.md
 	$(RUN) benchmarks.pages.estimates docs/results/estimation docs/estimation_results.md
+	$(RUN) benchmarks.pages.stress docs/results/stress.json docs/stress.md
 
 lint: $(INSTALLED) ## check style, types and the direction of imports
 	$(VENV)/bin/ruff check
