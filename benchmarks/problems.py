@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from rich.table import Table
 
-from benchmarks import fuzzing, own_laws, run_time_vs_error, scaling, skips, stability, step_cost
+from benchmarks import fuzzing, kills, own_laws, run_time_vs_error, scaling, skips, stability, step_cost
 from benchmarks import training_time as training
 from benchmarks.context import BenchmarkContext
 from benchmarks.stress import problem as stress
@@ -29,6 +29,7 @@ class Problem(NamedTuple):
 
 PROBLEMS = {
     "fuzzing": Problem(fuzzing.run, fuzzing.draw, fuzzing.tables),
+    "kills": Problem(kills.run, kills.draw, kills.tables),
     "own_laws": Problem(own_laws.run, own_laws.draw, own_laws.tables),
     "run_time_vs_error": Problem(run_time_vs_error.run, run_time_vs_error.draw, run_time_vs_error.tables),
     "scaling": Problem(scaling.run, scaling.draw, scaling.tables),

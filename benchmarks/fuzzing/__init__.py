@@ -40,7 +40,7 @@ def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]
     seeds = write_seeds(folder)
     for name in names:  # what a reader imports, its children have
         for seed in seeds[name]:
-            READERS[name].read(seed)
+            _read(name, seed.read_bytes(), folder)
     done = Checkpointed.load(context.folder, "fuzzing", {"seed": context.seed})
     counts = dict.fromkeys(names, count) | ({COMMAND_LINES: lines} if lines else {})
     rows = [(name, first) for name, total in counts.items() for first in range(0, total, OF_ROW)]
@@ -79,9 +79,7 @@ def _files_row(
     inputs = {n: _input(whole, found, _numbers(context.seed, name, n)) for n in numbers}
 
     def work(n: int) -> None:
-        path = folder / f"input{reader.ending}"
-        path.write_bytes(inputs[n])
-        reader.read(path)
+        _read(name, inputs[n], folder)
 
     def keep(n: int, outcome: Outcome) -> None:
         (kept / f"{n:06d}{reader.ending}").write_bytes(inputs[n])
@@ -101,6 +99,12 @@ def _lines_row(
         run_command_line(entry, mutated_arguments(arguments, words, draw))
 
     return _row(work, numbers, lambda n, outcome: None, context.folder / "corpus" / name)
+
+
+def _read(name: str, content: bytes, folder: Path) -> None:
+    path = folder / f"input{READERS[name].ending}"
+    path.write_bytes(content)
+    READERS[name].read(path)
 
 
 def _numbers(seed: int, name: str, n: int) -> random.Random:

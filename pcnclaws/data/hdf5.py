@@ -5,14 +5,16 @@ one line that names the file, the scene and the fault. The writer replaces a fil
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import h5py
 import numpy as np
 
 from pcnclaws.atomic import replaced_file
+from pcnclaws.data.forked import ChildFailed, in_child
 from pcnclaws.data.guarded_hdf5 import GuardedGroup, check_heaps, one_line_faults
 from pcnclaws.data.scene_settings import VERSIONS, read_settings, version_of, write_settings
 from pcnclaws.errors import UserError, unknown_name
@@ -24,10 +26,16 @@ log = logging.getLogger(__name__)
 
 __all__ = ["Keyframes", "SceneRecord", "read_scenes", "scene_names", "write_scenes"]
 
+Result = TypeVar("Result")
+
 FORMAT = "pcnclaws.trajectories"
 # Bytes of a compressed chunk: small enough to read a few frames, large enough to compress.
 CHUNK_BYTES = 2**19
 LONGEST_TIME = 1e9
+# A child may take so long to read a file [s], and so much longer for its size [bytes/s].
+PATIENCE, SLOWEST = 8.0, 10e6
+# Files that this process has written, as they were then.
+_WRITTEN: set[tuple[int, ...]] = set()
 # At most so many names of what a file holds beside a trajectory are listed.
 LISTED = 8
 
@@ -50,14 +58,25 @@ def write_scenes(path: str | Path, records: Sequence[SceneRecord]) -> None:
         scenes = file.create_group("scenes")
         for record in records:
             _write_scene(scenes.create_group(_checked_name(record.name)), record, version)
+    _WRITTEN.add(_identity(Path(path)))
 
 
 def read_scenes(path: str | Path, names: Sequence[str] | None = None, with_keyframes: bool = True) -> list[SceneRecord]:
     """The scenes of a trajectory file, sorted by name, or those of the given names in their order.
 
-    What the file holds beside them is named in one line.
+    What the file holds beside them is named in one line. A file that this process has not written is read in a forked
+    child: there are damaged files on which the HDF5 library crashes, at once or later, or from which it never returns.
     raises  UserError, one line, for whatever is wrong with the file
     """
+    return _apart(Path(path), lambda: _read_scenes(path, names, with_keyframes))
+
+
+def scene_names(path: str | Path) -> list[str]:
+    """Names of the scenes of a trajectory file, sorted."""
+    return _apart(Path(path), lambda: _scene_names(path))
+
+
+def _read_scenes(path: str | Path, names: Sequence[str] | None, with_keyframes: bool) -> list[SceneRecord]:
     with one_line_faults(str(path)), _opened(path) as file:
         root = GuardedGroup(file, str(path))
         scenes, version = _scenes_of(root)
@@ -70,10 +89,25 @@ def read_scenes(path: str | Path, names: Sequence[str] | None = None, with_keyfr
     return records
 
 
-def scene_names(path: str | Path) -> list[str]:
-    """Names of the scenes of a trajectory file, sorted."""
+def _scene_names(path: str | Path) -> list[str]:
     with one_line_faults(str(path)), _opened(path) as file:
         return _scenes_of(GuardedGroup(file, str(path)))[0].names()
+
+
+def _apart(path: Path, read: Callable[[], Result]) -> Result:
+    """What `read` finds in a file, in a forked child unless this process has written it."""
+    if not path.is_file() or _identity(path) in _WRITTEN:
+        return read()
+    try:
+        return in_child(read, PATIENCE + path.stat().st_size / SLOWEST)
+    except ChildFailed as fate:
+        raise UserError(f"{path}: damaged or unreadable (the HDF5 library fails on it: {fate})") from fate
+
+
+def _identity(path: Path) -> tuple[int, ...]:
+    """Of a file and its content."""
+    stat = path.stat()
+    return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns
 
 
 def _version_of(record: SceneRecord) -> int:

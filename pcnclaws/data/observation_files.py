@@ -193,7 +193,7 @@ def _read_table(path: Path) -> tuple[np.ndarray, list[str], Float[np.ndarray, "f
             key = time, str(values["marker"]).strip()
             if key in places and not np.array_equal(places[key], position, equal_nan=True):
                 raise UserError(
-                    f"{path}: line {rows.line_num}: marker '{key[1][:40]}' has a second position at {time:g} s; "
+                    f"{path}: line {rows.line_num}: marker {_quoted(key[1])} has a second position at {time:g} s; "
                     "accepted: one for each time"
                 )
             places[key] = tuple(position)
@@ -211,6 +211,11 @@ def _read_table(path: Path) -> tuple[np.ndarray, list[str], Float[np.ndarray, "f
     return np.array(times), names, target
 
 
+def _quoted(text: str) -> str:
+    """The beginning of a cell, on one line."""
+    return f"'{text[:40]}'" if text[:40].isprintable() else ascii(text[:40])
+
+
 def _number(text: str | None, name: str, path: Path, line: int) -> float:
     """The number of a cell; NaN of an empty one."""
     if text is None or not text.strip():
@@ -219,7 +224,7 @@ def _number(text: str | None, name: str, path: Path, line: int) -> float:
         return float(text)
     except ValueError:
         raise UserError(
-            f"{path}: line {line}: {name}='{text[:40]}' is not a number; accepted: a number, or empty"
+            f"{path}: line {line}: {name}={_quoted(text)} is not a number; accepted: a number, or empty"
         ) from None
 
 

@@ -128,7 +128,7 @@ def _virtual(scene: h5py.Group) -> None:
 
 def _absurd_size(scene: h5py.Group) -> None:
     del scene["volume"], scene["position"]
-    scene.create_dataset("position", (4, 10**12, 3), "f4", chunks=(1, 100, 3))
+    scene.create_dataset("position", (4, 10**8, 3), "f4", chunks=(1, 100, 3))
 
 
 def _unknown_filter(scene: h5py.Group) -> None:

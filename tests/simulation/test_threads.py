@@ -1,0 +1,40 @@
+"""Any number of threads gives the same bits: of motions, of gradients, of trained weights' gradients."""
+
+from collections.abc import Iterator
+
+import pytest
+import torch
+
+import pcnclaws as pc
+
+
+@pytest.fixture(autouse=True)
+def _threads_as_before() -> Iterator[None]:
+    before = torch.get_num_threads()
+    yield
+    torch.set_num_threads(before)
+
+
+def motion_and_gradients(law: pc.ConstitutiveModel) -> list[torch.Tensor]:
+    stamp = pc.Collider.plane((0.5, 0.13, 0.5), (0.1, 1.0, 0.0), friction=0.2)
+    body = pc.Body.cube(side=0.3, centre=(0.5, 0.31, 0.5), particles_per_edge=8)
+    stiffness = torch.full((len(body),), 3e5, requires_grad=True)
+    scene = pc.Scene(body, law, velocity=(0, -2, 0), spin=(0, 2, 0), youngs_modulus=stiffness)
+    found = []
+    for one in (scene, scene.with_(colliders=[stamp])):
+        moved = one.simulate(20, 10, deformation=True)
+        found += [moved.position, moved.velocity, moved.deformation]
+    weights = [weight for weight in law.parameters() if weight.requires_grad]
+    positions = scene.rollout(20, 10)
+    return [*found, positions.detach(), *torch.autograd.grad(positions.square().mean(), [stiffness, *weights])]
+
+
+@pytest.mark.parametrize("law", ["analytic", "neural"])
+def test_one_two_and_three_threads_give_the_same_bits(law: str, each_backend: str) -> None:
+    made = pc.load_law("sand").requires_grad_() if law == "neural" else pc.analytic_law("plasticine")
+    found = []
+    for threads in (1, 2, 3):
+        torch.set_num_threads(threads)
+        found.append(motion_and_gradients(made))
+    for several in found[1:]:
+        assert all(torch.equal(a, b) for a, b in zip(several, found[0], strict=True))
