@@ -137,14 +137,14 @@ def _law() -> ConstitutiveModel:
 def _reference(name: str, line: Sequence[str], folder: Path) -> Trial:
     """The command uninterrupted: twice, the second time with kernels that are made."""
     place = folder / "reference" / name
+    seconds = 0.0
     for _ in range(2):
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir(parents=True)
         began = time.monotonic()
-        ended = _run(line, place)
+        if (ended := _run(line, place)).status:
+            raise UserError(f"{name} fails uninterrupted: {ended.in_words}")
         seconds = time.monotonic() - began
-    if ended.status:
-        raise UserError(f"{name} fails uninterrupted: {ended.in_words}")
     return Trial(name, line, results_of(place), seconds)
 
 
