@@ -146,7 +146,7 @@ def written(content: bytes) -> Callable[[Path], object]:
 WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "missing.stl": (lambda path: None, "no such file"),
     "folder.stl": (lambda path: path.mkdir(), "no such file"),
-    "x.npz": (written(b"PK"), "cannot be read by trimesh (file_type 'npz' not supported)"),
+    "x.npz": (written(b"PK"), "'.npz' is no known format; accepted: a file ending in .stl"),
     "cut.ply": (written(b"ply\nx"), "cannot be read by trimesh"),
     "wrong_index.obj": (written(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"), "cannot be read by trimesh"),
     "words.stl": (written(b"no mesh"), "holds no triangle"),
