@@ -20,7 +20,12 @@ from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.simulator import Simulator
 
 MATERIALS = ("elasticity", "plasticine", "sand", "neo_hookean", "tresca")
-MODELS = {"neural": "pcnclaws", "free flow": "pcnclaws_free_flow", "no prior": "pcnclaws_no_prior"}
+MODELS = {
+    "neural": "pcnclaws",
+    "energy": "pcnclaws_energy",
+    "free flow": "pcnclaws_free_flow",
+    "no prior": "pcnclaws_no_prior",
+}
 COUNTS = (70, 5, 64)  # particles of the scenes: whole and broken blocks
 
 

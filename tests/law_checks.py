@@ -37,7 +37,9 @@ def hencky_energy(deformation: Tensor, parameters: Mapping[str, Tensor]) -> Tens
     return mu * h.square().sum((0, 1)) + 0.5 * lam * trace(h).square()
 
 
-def check_elasticity(elasticity: Elasticity, values: Mapping[str, float], keeps_moduli: bool = True) -> None:
+def check_elasticity(
+    elasticity: Elasticity, values: Mapping[str, float], keeps_moduli: bool = True, rounding: float = 1e-14
+) -> None:
     """Rest, objectivity, isotropy, symmetry, finite derivatives at rest and, with `keeps_moduli`, Hooke's law."""
     parameters = per_particle(values, COUNT)
     lam, mu = lame_constants(parameters)
@@ -47,14 +49,14 @@ def check_elasticity(elasticity: Elasticity, values: Mapping[str, float], keeps_
         return elasticity(deformation, parameters)
 
     turn = rotations(20)
-    torch.testing.assert_close(stress(turn) / unit, torch.zeros_like(turn), rtol=0, atol=1e-14)
+    torch.testing.assert_close(stress(turn) / unit, torch.zeros_like(turn), rtol=0, atol=rounding)
     for size in (0.02, 0.3):
         f = deformations(21, size)
         tau = stress(f)
-        torch.testing.assert_close(tau / unit, transpose(tau) / unit, rtol=0, atol=1e-14)
+        torch.testing.assert_close(tau / unit, transpose(tau) / unit, rtol=0, atol=rounding)
         turned = matmul(matmul(turn, tau), transpose(turn))
-        torch.testing.assert_close(stress(matmul(turn, f)) / unit, turned / unit, rtol=0, atol=1e-12)
-        torch.testing.assert_close(stress(matmul(f, turn)) / unit, tau / unit, rtol=0, atol=1e-12)
+        torch.testing.assert_close(stress(matmul(turn, f)) / unit, turned / unit, rtol=0, atol=100 * rounding)
+        torch.testing.assert_close(stress(matmul(f, turn)) / unit, tau / unit, rtol=0, atol=100 * rounding)
 
     rest = identity_like(turn).repeat(1, 1, COUNT).requires_grad_()
     (gradient,) = torch.autograd.grad(stress(rest).square().sum() + stress(rest).sum(), rest)
@@ -63,7 +65,7 @@ def check_elasticity(elasticity: Elasticity, values: Mapping[str, float], keeps_
         small = strains(22, 1e-7)
         hooke = 2.0 * mu * small + identity_like(small) * (lam * trace(small))
         error = (stress(identity_like(small) + small) - hooke) / (unit * 1e-7)
-        assert error.abs().max() < 1e-5
+        assert error.abs().max() < max(1e-5, 1e7 * rounding)
 
 
 def check_plasticity(plasticity: Plasticity, values: Mapping[str, float], idempotent: bool = True) -> None:

@@ -47,6 +47,7 @@ NETWORKS: dict[str, Network] = {
     network.name: network
     for network in (
         Network("pcnclaws", "pcnclaws.laws.neural_default:ElasticNet", "pcnclaws.laws.neural_default:PlasticNet"),
+        Network("pcnclaws_energy", "pcnclaws.laws.neural_energy:EnergyNet", "pcnclaws.laws.neural_default:PlasticNet"),
         Network(
             "pcnclaws_free_flow",
             "pcnclaws.laws.neural_default:ElasticNet",

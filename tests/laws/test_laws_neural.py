@@ -28,11 +28,16 @@ def with_random_weights(material: str, name: str, size: float) -> Laws:
 
 
 @pytest.mark.parametrize("size", [0.0, 0.3])
-@pytest.mark.parametrize("name", ["pcnclaws", "pcnclaws_free_flow", "pcnclaws_no_prior"])
+@pytest.mark.parametrize("name", ["pcnclaws", "pcnclaws_energy", "pcnclaws_free_flow", "pcnclaws_no_prior"])
 @pytest.mark.parametrize("material", list(MATERIALS))
 def test_the_laws_obey_what_laws_must(material: str, name: str, size: float) -> None:
     laws = with_random_weights(material, name, size)
-    check_elasticity(laws.elasticity, MATERIALS[material].defaults, keeps_moduli=name != "pcnclaws_no_prior")
+    check_elasticity(
+        laws.elasticity,
+        MATERIALS[material].defaults,
+        keeps_moduli=name != "pcnclaws_no_prior",
+        rounding=1e-11 if name == "pcnclaws_energy" else 1e-14,  # sums of exponentials cancel
+    )
     if laws.plasticity is not None:
         # the learned yield surface depends on the strain itself, so that a second return may flow a little more
         check_plasticity(laws.plasticity, MATERIALS[material].defaults, idempotent=False)
@@ -95,7 +100,7 @@ def test_a_turned_flow_keeps_the_size_of_shear_and_changes_its_direction() -> No
     assert float(cosine.min()) < 0.9  # nowhere near the radius
 
 
-@pytest.mark.parametrize("name", ["pcnclaws", "pcnclaws_free_flow", "pcnclaws_no_prior"])
+@pytest.mark.parametrize("name", ["pcnclaws", "pcnclaws_energy", "pcnclaws_free_flow", "pcnclaws_no_prior"])
 def test_the_networks_are_told_every_parameter(name: str) -> None:
     laws, material = with_random_weights("plasticine", name, 0.3), MATERIALS["plasticine"]
     assert laws.plasticity is not None
