@@ -1,0 +1,31 @@
+"""Cases that cannot be had, with the reason."""
+
+from benchmarks.verification.case import absent
+
+CASES = [
+    absent(
+        "mohr_coulomb_return",
+        "The return of Mohr-Coulomb in Hencky strain agrees with Kratos' unit test.",
+        "There is no Mohr-Coulomb law; the cone of sand is the outer fit of its pyramid, and does not dilate.",
+    ),
+    absent(
+        "salencon_hole",
+        "A pressed cylindrical hole in Mohr-Coulomb ground has Salencon's plastic radius, 1.7350 radii.",
+        "It needs Mohr-Coulomb with cohesion, and a pressure far away that follows the ground: walls are rigid.",
+    ),
+    absent(
+        "taylor_bar",
+        "A copper bar that hits a wall at 227 m/s keeps the published length.",
+        "Of the published lengths none could be looked up in its source; a recalled number would prove nothing.",
+    ),
+    absent(
+        "incompressible_beam",
+        "A beam of a Poisson's ratio of 0.499 sags as Euler-Bernoulli says.",
+        "Linear displacement fields over a cell lock: the nearer Poisson's ratio is to 0.5, the stiffer the beam.",
+    ),
+    absent(
+        "ritter_dam_break",
+        "The front of a dam break runs at 2 sqrt(g h).",
+        "There is no law of a fluid among the materials; one of one's own would verify that law.",
+    ),
+]
