@@ -93,18 +93,24 @@ class Case:
             return NOT_HAD
         return OUTSIDE if self.why else WITHIN
 
-    def row(self) -> dict[str, Any]:
-        """Measures the case: a row of results, plain values."""
-        row: dict[str, Any] = {name: getattr(self, name) for name in _TOLD}
+    def row(self, measured: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """A row of results, plain values, of what was measured before or else now."""
+        found = dict(self.measured() if measured is None else measured)
+        verdict = NOT_HAD
+        if self.measure is not None:
+            verdict = WITHIN if found["difference"] <= self.tolerance else OUTSIDE
+        return found | {name: getattr(self, name) for name in _TOLD} | {"verdict": verdict}
+
+    def measured(self) -> dict[str, Any]:
+        """Measures the case: numbers, curve and table, plain values; nothing for a case that cannot be had."""
         if self.measure is None:
-            return row | {"verdict": NOT_HAD}
+            return {}
         outcome = self.measure()
-        return row | {
+        return {
             "ours": float(outcome.ours),
             "theirs": float(outcome.theirs),
             "unit": outcome.unit,
             "difference": float(outcome.difference),
-            "verdict": WITHIN if outcome.difference <= self.tolerance else OUTSIDE,
             "curve": None if outcome.curve is None else _plain_curve(outcome.curve),
             "table": None if outcome.table is None else {"header": [*outcome.table.header], "lines": _cells(outcome)},
         }

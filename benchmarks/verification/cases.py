@@ -6,6 +6,14 @@ from benchmarks.verification import (
     element_invariants,
     element_metals,
     element_neural,
+    motion_bar,
+    motion_bending,
+    motion_collapse,
+    motion_column,
+    motion_energy,
+    motion_plate,
+    motion_rigid,
+    motion_stretch,
     not_had,
 )
 from benchmarks.verification.case import Case
@@ -18,6 +26,14 @@ _ALL = [
     *element_invariants.CASES,
     *element_neural.NEURAL_CASES,
     *element_invariants.NEURAL_CASES,
+    *motion_rigid.CASES,
+    *motion_bar.CASES,
+    *motion_stretch.CASES,
+    *motion_column.CASES,
+    *motion_plate.CASES,
+    *motion_bending.CASES,
+    *motion_energy.CASES,
+    *motion_collapse.CASES,
     *not_had.CASES,
 ]
 CASES: dict[str, Case] = {case.name: case for case in _ALL}

@@ -81,6 +81,7 @@ CASES = [
         NEML2.format("rate_independent/voceiso"),
         1e-5,
         voce,
+        slow=True,
     ),
     Case(
         "j2_perzyna",

@@ -28,7 +28,7 @@ def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]
     rows = []
     for number, name in enumerate(chosen):
         context.advance(number, len(chosen), name)
-        rows.append(stored.row(name, CASES[name].row))
+        rows.append(CASES[name].row(stored.row(name, CASES[name].measured)))
     context.advance(len(chosen), len(chosen), "done")
     return {"rows": rows}
 
@@ -36,12 +36,11 @@ def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]
 def draw(document: Mapping[str, Any], folder: Path) -> list[Path]:
     """The page and its pictures in `folder`; with the whole table also where problem.page and problem.document say."""
     written = write_verification(document, folder / f"{NAME}.md", folder / NAME)
-    page, result = (document["options"][name] for name in ("page", "document"))
-    if page is None or not set(CASES) <= {row["name"] for row in document["results"]["rows"]}:
+    if not set(CASES) <= {row["name"] for row in document["results"]["rows"]}:
         return written
-    if result is not None:
-        written.append(write_metrics(Path(result), document))
-    return written + write_verification(document, Path(page), Path(page).parent / "images" / NAME)
+    page, result = (Path(document["options"][name]) for name in ("page", "document"))
+    written.append(write_metrics(result, document))
+    return written + write_verification(document, page, page.parent / "images" / NAME)
 
 
 def tables(document: Mapping[str, Any]) -> list[Table]:
