@@ -16,7 +16,7 @@ from benchmarks.verification.motion_scenes import array, box
 
 WIDTH, GRAVITY, YOUNG, FLOOR_FRICTION = 0.1, 9.8, 2e5, 0.5
 ASPECTS = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
-CELLS = (5, 10)
+CELLS = (4, 8)
 ANGLES = (20.0, 30.0, 40.0)
 # Lube et al. 2005: (run-out - width) / width is 1.2 a for low columns and 1.9 a^(2/3) for high ones.
 LUBE = "Lube et al. 2005, Phys. Rev. E 72, 041301, plane columns"
