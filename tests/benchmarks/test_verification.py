@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.__main__ import benchmark
-from benchmarks.pages.verification import write_verification
+from benchmarks.pages.verification import page, write_verification
 from benchmarks.verification.cases import CASES
 
 MEASURED = [case for case in CASES.values() if case.measure is not None]
@@ -43,3 +43,14 @@ def test_a_case_that_is_not_there_is_refused_with_the_nearest_one(in_process) ->
     outcome = in_process(benchmark, "benchmark", "problem=verification", "problem.cases=[j2_perfekt]", "output=o")
     assert outcome.status == 2
     assert "did you mean 'j2_perfect'" in outcome.err
+
+
+def test_the_page_tells_the_committed_results_of_all_cases() -> None:
+    docs = Path(__file__).parents[2] / "docs"
+    rows = json.loads((docs / "results" / "verification.json").read_text(encoding="utf-8"))["results"]["rows"]
+    assert [row["name"] for row in rows] == list(CASES)
+    assert {row["name"]: row["verdict"] for row in rows} == {name: case.expected for name, case in CASES.items()}
+    images = docs / "images" / "verification"
+    pictures = {row["name"]: images / f"{row['name']}.png" for row in rows if row.get("curve")}
+    assert all(path.is_file() for path in pictures.values())
+    assert page(rows, pictures, docs, "verification.json") == (docs / "verification.md").read_text(encoding="utf-8")
