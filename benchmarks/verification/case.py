@@ -15,7 +15,7 @@ MOST_POINTS = 240
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a picture: what we have, and what they have, at the same places."""
+    """One line of a picture: what we have, and what they have at the same places, nothing for what they do not tell."""
 
     label: str
     x: Numbers
@@ -66,7 +66,7 @@ class Case:
     group      part of the page
     sentence   what must be true
     source     of their number
-    tolerance  largest relative difference, chosen before the first run: what the method promises
+    tolerance  largest relative difference [-], a round number: what the method promises, not what came out
     measure    our number and theirs; None for a case that cannot be had
     slow       takes more than a second or two
     why        why it is outside of its tolerance, or why it cannot be had; a row with a reason must be outside
@@ -158,7 +158,7 @@ def _plain_curve(curve: Curve) -> Mapping[str, Any]:
 
 def _thinned(values: Numbers) -> list[float]:
     array = np.asarray(values, dtype=np.float64)
-    every = -(-len(array) // MOST_POINTS)
+    every = max(1, -(-len(array) // MOST_POINTS))
     return [float(f"{value:.7g}") for value in array[::every]]
 
 

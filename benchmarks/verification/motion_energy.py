@@ -92,7 +92,7 @@ def balance() -> Outcome:
     whole = float(sum(float(one[0]) for one in found.there.values()))
     total = np.sum([*found.there.values(), *found.left.values()], axis=0) / whole
     rows = [[name, f"{one[-1] / whole:+.4f}"] for name, one in (found.there | found.left).items()]
-    lines = [Line(name, found.time, one / whole, one / whole) for name, one in (found.there | found.left).items()]
+    lines = [Line(name, found.time, one / whole, []) for name, one in (found.there | found.left).items()]
     lines.append(Line("sum", found.time, total, np.ones_like(total)))
     curve = Curve("time [s]", "energy / start [-]", lines)
     table = Table(["", "after 0.12 s, of the energy at the start"], rows)
