@@ -10,6 +10,7 @@ from benchmarks import fuzzing, kills, own_laws, run_time_vs_error, scaling, ski
 from benchmarks import training_time as training
 from benchmarks.context import BenchmarkContext
 from benchmarks.stress import problem as stress
+from benchmarks.verification import problem as verification
 
 Document = Mapping[str, Any]
 
@@ -38,4 +39,5 @@ PROBLEMS = {
     "step_cost": Problem(step_cost.run, step_cost.draw, step_cost.tables),
     "stress": Problem(stress.run, stress.draw, stress.tables),
     "training": Problem(training.run, training.draw, training.tables),
+    "verification": Problem(verification.run, verification.draw, verification.tables),
 }
