@@ -32,8 +32,8 @@ hardware, versions, commit and seed). A row that leaves its tolerance fails a te
 outside and comes back.
 
 - *Difference* is relative: to their number, of curves and tables to the largest of theirs; of what should be 0 it is
-  the number itself. Tolerances are round numbers of what the method promises on such a grid; no row was brought within by
-  a wider one. Where coarser grids are outside (`wave_reflection`, the cantilevers), the tables show them.
+  the number itself. Tolerances are round numbers of what the method promises on such a grid; no row was brought within
+  by a wider one. Where coarser grids are outside (`wave_reflection`, the cantilevers), the tables show them.
 - Laws are asked through the public interface in double precision, motions are `pc.Scene`s.
 - {count}"""
 HEADER = ("what must be true", "ours", "theirs", "difference", "tolerance", "", "source", "case")
