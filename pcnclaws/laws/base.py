@@ -17,6 +17,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from pcnclaws.compiled.backend import configured_backend
+from pcnclaws.compiled.build import find_compiler
 from pcnclaws.compiled.calls import kernels_serve
 from pcnclaws.compiled.isotropic_laws import LawArrays, isotropic_law, law_serves
 from pcnclaws.compiled.law_source import LawKernel, LawShape, law_kernel
@@ -388,5 +389,6 @@ class Plasticity(Law):
 
 
 def _count_pytorch() -> None:
-    if configured_backend() == "auto":
+    # without a compiler a line has said so
+    if configured_backend() == "auto" and find_compiler() is not None:
         count("law_evaluations_in_pytorch")

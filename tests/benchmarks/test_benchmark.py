@@ -91,7 +91,11 @@ CHECKS = {
 
 @pytest.mark.usefixtures("own_registry")
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name in ("training", "scaling") else name for name in SMOKE]
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name in ("training", "scaling", "step_cost") else name
+        for name in SMOKE
+    ],
 )
 def test_a_problem_leaves_its_document_and_pictures_and_can_be_redrawn(name: str, in_process, tmp_path: Path) -> None:
     outcome = in_process(benchmark, "benchmark", f"problem={name}", *SMOKE[name], "output=o", "seed=3")
@@ -203,7 +207,9 @@ def test_matrix_products_stand_before_between_and_after_the_calls() -> None:
     assert yardstick.samples[1] == timing.matmul
 
 
-@pytest.mark.parametrize(("laws", "material"), [("analytic", "elasticity"), ("neural", "sand")])
+@pytest.mark.parametrize(
+    ("laws", "material"), [("analytic", "elasticity"), pytest.param("neural", "sand", marks=pytest.mark.slow)]
+)
 def test_what_is_timed_is_a_body_in_contact_with_gradients_of_everything(laws: str, material: str) -> None:
     prepared = Prepared(Case(material, laws, scenes=2, particles_per_edge=6), CPU, settle=20)
     deformation = prepared.batch.state.deformation

@@ -110,7 +110,10 @@ def test_a_rigid_body_has_the_energy_of_its_motion_and_height() -> None:
     assert float(potential_energy(state, scenes, 0.1)) == pytest.approx(8.0 * 9.8 * 0.2)
 
 
-@pytest.mark.parametrize("material", list(FLOWS))
+@pytest.mark.parametrize(
+    "material",
+    [name if name in ("elasticity", "sand") else pytest.param(name, marks=pytest.mark.slow) for name in FLOWS],
+)
 def test_a_change_of_the_unit_of_time_changes_nothing_but_the_step(material: str) -> None:
     batch = Batch(material, FLOWS[material], "spinning", "float64", 1, 0.4)
     scaled = scene_start(batch, 1e5, 0.3)

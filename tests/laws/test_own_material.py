@@ -183,7 +183,8 @@ def test_a_cell_of_a_notebook_that_is_run_again_replaces_what_it_registered() ->
 
     for factor in (1.0, 2.0):
         register(cell(factor, replace(SHEAR, glyph="G" * int(factor))))
-        stress = pc.analytic_law("mine").stress(1.1 * torch.eye(3)[None].double(), shear_modulus=2e4)
+        with using_backend("torch"):
+            stress = pc.analytic_law("mine").stress(1.1 * torch.eye(3)[None].double(), shear_modulus=2e4)
         assert float(stress[0, 0, 0]) == pytest.approx(factor * 4e4 * math.log(1.1))
     with pytest.raises(UserError, match="material 'mine' is there already"):
         register(Material("mine", OneModulus, None, {"shear_modulus": (1e4, 1e5)}))
