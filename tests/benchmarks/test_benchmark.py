@@ -41,6 +41,9 @@ SMOKE = {
 }
 
 
+DEAR = ("training", "scaling", "step_cost")
+
+
 def check_own_laws(results: dict) -> None:
     assert [(row["pair"], row["work"]) for row in results["rows"]] == [("cohesion", work) for work in WORK]
     for row in results["rows"]:
