@@ -310,6 +310,18 @@ class ObserveConfig(Command):
 
 
 @dataclass(frozen=True)
+class ExportConfig(Command):
+    """Options of `export`."""
+
+    plugins: list[str]
+    trajectory: Unchecked
+    scene: Unchecked
+    format: Unchecked
+    frame: Unchecked
+    law: str
+
+
+@dataclass(frozen=True)
 class CalibrateConfig(Command):
     """Options of `calibrate`."""
 
@@ -342,5 +354,6 @@ CONFIGS: Mapping[str, type[Command]] = {
     "estimate": EstimateConfig,
     "observe": ObserveConfig,
     "calibrate": CalibrateConfig,
+    "export": ExportConfig,
     "benchmark": BenchmarkConfig,
 }
