@@ -322,6 +322,30 @@ class ExportConfig(Command):
 
 
 @dataclass(frozen=True)
+class RenderConfig(Command):
+    """Options of `render`."""
+
+    plugins: list[str]
+    trajectory: Unchecked
+    scene: Unchecked
+    names: Unchecked
+    layout: str
+    colour: str
+    colour_map: str
+    colour_range: Unchecked
+    law: str
+    renderer: str
+    size: Unchecked
+    oversample: Unchecked
+    azimuth: Number
+    elevation: Number
+    zoom: Number
+    times: int
+    frame_rate: Number
+    seconds: Unchecked
+
+
+@dataclass(frozen=True)
 class CalibrateConfig(Command):
     """Options of `calibrate`."""
 
@@ -355,5 +379,6 @@ CONFIGS: Mapping[str, type[Command]] = {
     "observe": ObserveConfig,
     "calibrate": CalibrateConfig,
     "export": ExportConfig,
+    "render": RenderConfig,
     "benchmark": BenchmarkConfig,
 }
