@@ -1,15 +1,14 @@
 """A recorded motion that a command is given, with the law that its stress is of."""
 
-import logging
+from pathlib import Path
 
 from pcnclaws.commands.runs import laws_for
-from pcnclaws.data.hdf5 import read_scenes, scene_names
+from pcnclaws.data.hdf5 import scene_names
+from pcnclaws.data.trajectory_files import READERS, read_trajectories
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.simulation.particle_fields import ParticleFields
 from pcnclaws.simulation.records import SceneRecord
-
-log = logging.getLogger(__name__)
 
 
 def recorded_scene(path: object, name: str | None, option: str, with_keyframes: bool = True) -> SceneRecord:
@@ -20,10 +19,12 @@ def recorded_scene(path: object, name: str | None, option: str, with_keyframes: 
     """
     if not isinstance(path, str) or not path:
         raise UserError(f"{option}={path or 'null'} is not accepted; accepted: the path of a trajectory file")
+    if Path(path).suffix.lower() in READERS:
+        return read_trajectories(path, "", [name] if name else None)[0]
     known = scene_names(path)
     if name is None and len(known) > 1:
         raise UserError(f"{path}: holds {len(known)} scenes; accepted: scene= one of {', '.join(known[:20])}")
-    return read_scenes(path, [name or known[0]], with_keyframes)[0]
+    return read_trajectories(path, "", [name or known[0]], with_keyframes)[0]
 
 
 def fields_of(record: SceneRecord, law: str) -> ParticleFields:

@@ -19,7 +19,7 @@ from pcnclaws.simulation.particle_fields import ParticleFields
 
 SHEETS, FILMS = (".png", ".pdf", ".svg"), {".gif": write_gif, ".mp4": write_mp4}
 LAYOUTS, RENDERERS = ("beside", "overlaid"), {"matplotlib": None, "pyvista": pyvista_spheres}
-FILM_WIDTH, SMALLEST, LARGEST, MOST_OVERSAMPLE = 640, 64, 4096, 4
+FILM_WIDTH, SMALLEST, LARGEST, MOST_OVERSAMPLE = 560, 64, 4096, 4
 MOST_MOTIONS = 6
 # Whether F is read: the restart states are most of a file.
 WITHOUT_STATES = ("material", "body", "speed", "volume", "density")

@@ -1,15 +1,13 @@
 """Point files: bodies from an .npz or from the first frame of a trajectory file."""
 
 import logging
-import math
-import zipfile
 from pathlib import Path
 
 import numpy as np
 
 from pcnclaws.data.first_motion import name_contradictions
+from pcnclaws.data.guarded_npz import opened_arrays
 from pcnclaws.data.hdf5 import read_scenes, scene_names
-from pcnclaws.data.room import require_room
 from pcnclaws.data.units import check_spacing
 from pcnclaws.errors import UserError
 from pcnclaws.geometry.shapes import PointCloud
@@ -22,7 +20,6 @@ POINT_FILES = (".npz", ".h5", ".hdf5")
 ARRAYS: dict[str, tuple[int, ...]] = {"position": (3,), "velocity": (3,), "volume": (), "density": ()}
 REQUIRED = ("position", "velocity", "volume")
 LISTED = 8
-MAXIMUM_POINT_FILE_BYTES = 4 * 1024**3
 
 
 def read_point_file(path: str | Path, name: str | None = None) -> PointCloud:
@@ -73,13 +70,7 @@ def _first_frame(path: Path, name: str | None) -> PointCloud:
 
 
 def _read_npz(path: Path) -> PointCloud:
-    try:
-        arrays = _arrays(path)
-    except UserError:
-        raise
-    except Exception as error:  # zip, zlib and NumPy raise whatever a damaged file makes them meet
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise UserError(f"{path}: not an .npz file of numbers, or damaged ({reason})") from error
+    arrays = _arrays(path)
     position, volume = arrays["position"], arrays["volume"]
     count = position.shape[0] if position.ndim else 0
     for name, values in arrays.items():
@@ -97,28 +88,9 @@ def _read_npz(path: Path) -> PointCloud:
     return PointCloud(position, arrays["velocity"], volume, density=arrays.get("density"))
 
 
-def _check_headers(archive: zipfile.ZipFile) -> None:
-    """Raises ValueError for an array whose header claims more than its member holds: NumPy makes room for it first."""
-    for member in archive.infolist():
-        if not member.filename.endswith(".npy"):
-            continue
-        with archive.open(member) as file:
-            version = np.lib.format.read_magic(file)
-            read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-            shape, _, dtype = read(file)
-        if math.prod(shape) * max(dtype.itemsize, 1) > member.file_size:
-            raise ValueError(f"{member.filename[:60]!a} claims the shape {shape}, more than it holds")
-
-
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     """Those of ARRAYS in double precision. Objects are refused: reading one would run code from the file."""
-    with zipfile.ZipFile(path) as archive:
-        sizes = [member.file_size for member in archive.infolist()]
-        if sum(sizes) > MAXIMUM_POINT_FILE_BYTES:
-            raise UserError(f"{path}: claims more than {MAXIMUM_POINT_FILE_BYTES / 1024**3:g} GiB of points")
-        require_room(sum(sizes), str(path))
-        _check_headers(archive)
-    with np.load(path, allow_pickle=False) as file:
+    with opened_arrays(path) as file:
         for name in REQUIRED:
             if name not in file:
                 raise UserError(f"{path}: '{name}' is missing; accepted: position (N, 3), velocity (N, 3), volume (N,)")

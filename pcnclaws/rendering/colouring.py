@@ -102,7 +102,7 @@ def _field_of(word: str, motions: Sequence[ParticleFields]) -> str:
             name = next((one for one in internal if "plastic" in one), name)
         if name in fields.missing:
             raise UserError(f"colour={word}: {record.label} has none: {fields.missing[name]}")
-        known = {*SCALARS, *fields.fixed, *internal} - {"id"}
+        known = {*SCALARS, *fields.fixed, *internal} - {"id", "initial_affine"}
         if name == PLASTIC:
             kept = ", ".join(internal) or "none"
             why = fields.missing.get("deformation", f"its restart states keep the internal variables: {kept}")

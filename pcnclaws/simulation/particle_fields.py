@@ -57,6 +57,7 @@ class ParticleFields:
     id, body                  number of the particle; of the connected body that it starts in
     volume, density           at the start [m^3], [kg/m^3]
     those of FIELDS           strains are elastic: those of the recorded F, which plastic flow has changed
+    initial_affine            C at the start [1/s], where it is not 0
     the physical parameters   by name, one value a particle
     internal_<name>           internal variables of the law
 
@@ -88,7 +89,7 @@ class ParticleFields:
 
     @cached_property
     def fixed(self) -> Mapping[str, np.ndarray]:
-        """The fields that are the same in all frames, (particles,)."""
+        """The fields that are the same in all frames, each (particles, ...)."""
         record, kind = self.record, self.record.position.dtype
         density = record.settings.density if record.density is None else record.density
         whole = {
@@ -97,6 +98,8 @@ class ParticleFields:
             "volume": record.volume.astype(kind),
             "density": np.broadcast_to(np.asarray(density), record.volume.shape).astype(kind),
         }
+        if record.initial_affine is not None:
+            whole["initial_affine"] = record.initial_affine.astype(kind)
         return whole | {name: values.astype(kind) for name, values in self._parameters.items()}
 
     @property
