@@ -1,7 +1,7 @@
 """Scene records from frames of particles that other programs, or our own export, have written."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -105,9 +105,9 @@ def checked_fields(fields: Mapping[str, np.ndarray], count: int, where: str) -> 
     return found
 
 
-def name_unread(path: Path, names: Sequence[str]) -> None:
-    """One line for fields of a file that are not read."""
-    others = [name for name in dict.fromkeys(names) if name not in READ]
+def name_unread(path: Path, names: Sequence[str], read: Collection[str] = READ) -> None:
+    """One line for fields of a file that are not among those that are read."""
+    others = [name for name in dict.fromkeys(names) if name not in read]
     if others:
         shown = ", ".join(name[:60] if name.isprintable() else ascii(name)[:60] for name in others[:8])
         more = f" and {len(others) - 8} more" if len(others) > 8 else ""

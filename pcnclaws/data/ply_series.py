@@ -1,7 +1,9 @@
 """Trajectories from a series of PLY point clouds."""
 
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -60,6 +62,28 @@ def _number(path: Path) -> tuple[list[int], str]:
 
 
 def _frame(path: Path, unread: list[str]) -> Frame:
+    cloud = read_ply(path)
+    if "time" not in cloud.notes:
+        raise UserError(f"{path}: does not say its time; accepted: a line 'comment time SECONDS' in its header")
+    unread += cloud.unread
+    return Frame(_seconds(cloud.notes["time"], path), cloud.position, cloud.fields, cloud.notes)
+
+
+class Cloud(NamedTuple):
+    """A point cloud: positions, the fields that are read, what its comments say of the scene, names of other fields."""
+
+    position: np.ndarray
+    fields: Mapping[str, np.ndarray]
+    notes: Mapping[str, Any]
+    unread: Sequence[str]
+
+
+def read_ply(path: Path) -> Cloud:
+    """The vertices of a PLY file.
+
+    raises  UserError, one line, for whatever is wrong with it
+    """
+    require_room(path.stat().st_size, str(path))
     content = path.read_bytes()
     end = content.find(b"end_header", 0, LONGEST_HEADER)
     line_end = content.find(b"\n", end)
@@ -68,22 +92,24 @@ def _frame(path: Path, unread: list[str]) -> Frame:
     header = [line.strip() for line in content[:end].decode("ascii", errors="replace").splitlines()]
     order, count, properties = _layout(path, header)
     table = _table(path, content[line_end + 1 :], order, count, properties)
-    notes: dict = {}
+    for name in "xyz":
+        if name not in table:
+            raise UserError(f"{path}: the property '{name}' is missing; accepted: vertices with x, y, z")
+    fields = _fields(table)
+    unread = [name for name in fields if name not in (*READ, *"xyz")]
+    position = np.stack([table[name] for name in "xyz"], axis=1)
+    return Cloud(position, checked_fields(fields, count, str(path)), _notes(path, header), unread)
+
+
+def _notes(path: Path, header: Sequence[str]) -> dict[str, Any]:
+    notes: dict[str, Any] = {}
     for line in header:
         if line.startswith("comment "):
             notes |= notes_in_line(line.removeprefix("comment "), str(path))
             words = line.split()
             if len(words) == 3 and words[1] == "time":
                 notes["time"] = words[2]
-    if "time" not in notes:
-        raise UserError(f"{path}: does not say its time; accepted: a line 'comment time SECONDS' in its header")
-    for name in "xyz":
-        if name not in table:
-            raise UserError(f"{path}: the property '{name}' is missing; accepted: vertices with x, y, z")
-    fields = _fields(table)
-    unread += [name for name in fields if name not in (*READ, *"xyz")]
-    position = np.stack([table[name] for name in "xyz"], axis=1)
-    return Frame(_seconds(notes["time"], path), position, checked_fields(fields, count, str(path)), notes)
+    return notes
 
 
 def _seconds(value: object, path: Path) -> float:

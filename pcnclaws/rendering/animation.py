@@ -140,7 +140,13 @@ def _picture(montage: Montage, time: float, bar: Image.Image | None) -> Image.Im
     draw.text((6, 3), montage.title, INK, font)
     clock = f"{time:.3f} s"
     draw.text((across - 6 - font.getlength(clock), 3), clock, INK, font)
-    if len(montage.records) > 1:
+    if montage.legend:
+        left = 6.0
+        for name, colour in montage.legend:
+            draw.rectangle((left, 22, left + 8, 30), tuple(round(255 * part) for part in colour))
+            draw.text((left + 12, 19), name, INK, font)
+            left += 28 + font.getlength(name)
+    elif len(montage.records) > 1:
         for index, name in enumerate(montage.rows):
             middle = (index + 0.5) * montage.camera.width - 0.5 * font.getlength(name)
             draw.text((middle, 19), name, INK, font)

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from pcnclaws.rendering.camera import Camera
 from pcnclaws.rendering.colouring import Colouring
-from pcnclaws.rendering.labels import material_label
+from pcnclaws.rendering.labels import material_colour, material_label
 from pcnclaws.rendering.panels import Part, panel_of
 from pcnclaws.rendering.sheets import save_figure, sheet_of, show
 from pcnclaws.rendering.spheres import Shade
@@ -45,6 +46,16 @@ class Montage:
     def rows(self) -> Sequence[str]:
         """What the panels are called."""
         return [" + ".join(self.names)] if self.overlaid else self.names
+
+    @property
+    def legend(self) -> list[tuple[str, tuple[float, float, float]]]:
+        """Names and colours of motions that share a panel, where each has a colour of its own; otherwise empty."""
+        if not self.overlaid or self.colouring is None or self.colouring.scale is not None:
+            return []
+        given = [self.colouring.at(number, 0) for number in range(len(self.records))]
+        own = [material_colour(record.material) for record in self.records]
+        colours = [mine if one is None else tuple(one[0].tolist()) for one, mine in zip(given, own, strict=True)]
+        return list(zip(self.names, colours, strict=True))
 
     def times(self, count: int | None = None) -> list[float]:
         """Times since the start [s], those of the longest motion: of all its frames, or of so many of them."""
@@ -87,5 +98,8 @@ def motion_sheet(montage: Montage, path: Path, times: int = 5) -> Path:
         )
         bar.set_label(scale.label, fontsize=7)
         bar.ax.tick_params(labelsize=7)
+    if montage.legend:
+        patches = [Patch(color=colour, label=name) for name, colour in montage.legend]
+        figure.legend(handles=patches, loc="outside right center", fontsize=7, frameon=False)
     figure.suptitle(f"{montage.rows[0]}: {montage.title}" if single else montage.title, fontsize=10)
     return save_figure(figure, path)

@@ -16,6 +16,9 @@ FACETS = 14
 def require_pyvista() -> Any:
     """PyVista; UserError with the way to install it where it is missing."""
     try:
+        # without a display VTK says so before it draws without one
+        logger = importlib.import_module("vtkmodules.vtkCommonCore").vtkLogger
+        logger.SetStderrVerbosity(logger.VERBOSITY_ERROR)
         return importlib.import_module("pyvista")
     except ImportError as error:
         raise UserError(

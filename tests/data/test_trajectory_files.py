@@ -8,6 +8,7 @@ import pytest
 import torch
 
 import pcnclaws as pc
+from pcnclaws.data.point_files import read_point_file
 from pcnclaws.data.trajectory_files import read_trajectories
 from pcnclaws.errors import UserError
 from pcnclaws.evaluate import evaluate
@@ -163,3 +164,15 @@ def test_single_frames_are_refused_with_what_is_accepted(motion, tmp_path: Path)
     for name in ("n_*.ply", "n.pvd", "n.npz"):
         with pytest.raises(UserError, match="no such file|matches 0 files"):
             read_trajectories(tmp_path / name)
+
+
+def test_a_body_from_a_point_cloud(motion, tmp_path: Path, caplog) -> None:
+    body = read_point_file(motion.save(tmp_path / "x.ply", frame=1))
+    np.testing.assert_array_equal(body.position, motion.position[1].numpy())
+    np.testing.assert_array_equal(body.velocity, motion.velocity[1].numpy())
+    assert body.volume.sum() == pytest.approx(0.008)
+    assert body.density is not None
+    assert "not read: " in caplog.text
+    (tmp_path / "y.ply").write_bytes((tmp_path / "x.ply").read_bytes().replace(b"double volume", b"double volumes"))
+    with pytest.raises(UserError, match="'volume' is missing"):
+        read_point_file(tmp_path / "y.ply")

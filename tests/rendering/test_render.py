@@ -1,6 +1,7 @@
 """The command render: what a picture shows is counted in its pixels."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.render import render
 from pcnclaws.rendering.colouring import Colouring
 from pcnclaws.rendering.montage import Montage
-from pcnclaws.rendering.panels import Place, camera_for
+from pcnclaws.rendering.panels import Place, camera_for, panel
 from pcnclaws.simulation.particle_fields import ParticleFields
 
 
@@ -70,6 +71,38 @@ def test_motions_side_by_side_and_overlaid_are_where_they_are_at_a_time(motions)
     empty = both.shape[0] * both.shape[1]
     shown = [np.count_nonzero((panel != both).any(2)) for panel in late[1]]
     assert all(0 < count < empty for count in shown)
+
+
+def test_overlaid_motions_have_colours_of_their_own_and_a_legend(motions) -> None:
+    records = [motion.record for motion in motions]
+    fields, camera = [ParticleFields(record) for record in records], camera_for(records, 100)
+    legend = Montage(records, ["a", "b"], camera, Colouring(fields, apart=True), overlaid=True).legend
+    assert [name for name, _ in legend] == ["a", "b"]
+    assert legend[0][1] != legend[1][1]
+    assert not Montage(records, ["a", "b"], camera, Colouring(fields)).legend
+
+
+def test_colliders_are_where_they_are_in_a_domain_of_any_size() -> None:
+    pixels = []
+    for scale in (1.0, 2.0):  # the same scene in other lengths is the same picture
+        body = pc.Body.cube(side=0.2 * scale, centre=(0.5 * scale, 0.6 * scale, 0.5 * scale), particles_per_edge=4)
+        floor = pc.Collider.plane(point=(0, 0.3 * scale, 0), normal=(0.3, 1, 0))
+        box = pc.Settings(domain=((0, 0, 0), (scale,) * 3), grid_spacing=0.05 * scale, wall_distance=0.1 * scale)
+        record = pc.Scene(body, pc.analytic_law("elasticity"), settings=box, colliders=[floor]).simulate(1, 1).record
+        pixels.append(panel(record, 0, camera_for([record], 120)).astype(int))
+    assert np.abs(pixels[1] - pixels[0]).mean() < 0.1
+
+
+def test_plastic_strain_is_the_internal_variable_of_that_name() -> None:
+    body = pc.Body.cube(side=0.2, centre=(0.5, 0.3, 0.5), particles_per_edge=4)
+    record = pc.Scene(body, pc.analytic_law("sand")).simulate(20, 10, deformation=True).record
+    assert record.keyframes is not None
+    strain = np.tile(np.linspace(0.0, 1.0, 64, dtype=np.float32), (3, 1))
+    remembered = replace(record, keyframes=replace(record.keyframes, internal={"plastic_strain": strain}))
+    colouring = Colouring([ParticleFields(remembered)], "plastic_strain", ends=(0.0, 1.0))
+    found = colouring.at(0, 1)
+    assert found is not None
+    np.testing.assert_allclose(found, colormaps["viridis"](strain[0])[:, :3], atol=1e-6)
 
 
 def test_the_camera_turns_rises_and_zooms(motions) -> None:
