@@ -188,7 +188,7 @@ def _start_affine(scene: Scene, body: PointCloud) -> Float[np.ndarray, "particle
 
     body  with velocities of its own, of a file, and the C that a trajectory file says
     """
-    word, points = affine_word(scene), str(scene.particles or "").lower().endswith(".npz")
+    word, points = affine_word(scene), str(scene.particles or "").lower().endswith((".npz", ".ply"))
     if word == "zero":
         return None
     own = body.affine

@@ -17,7 +17,7 @@ from pcnclaws.commands.progress_bar import progress_bar
 from pcnclaws.commands.runs import model_for
 from pcnclaws.commands.typed_configs import EvaluateConfig
 from pcnclaws.data.first_motion import name_contradictions
-from pcnclaws.data.hdf5 import read_scenes
+from pcnclaws.data.trajectory_files import read_trajectories
 from pcnclaws.data.units import check_record
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.evaluation.builtin import builtin_task, paper_errors, true_records
@@ -144,7 +144,7 @@ def _file_records(config: EvaluateConfig, material: Material) -> list[SceneRecor
         raise UserError(
             f"trajectories={path or 'null'} is not accepted; accepted: the path of a trajectory file, or task=unseen"
         )
-    records = read_scenes(path)
+    records = read_trajectories(path, material.name)
     require_material(records, material)
     records = _in_time_step(config, records)
     for record in records:

@@ -10,8 +10,8 @@ from jaxtyping import Float
 
 from pcnclaws.commands.configuration import whole_number
 from pcnclaws.commands.outputs import TABLE, output_file
+from pcnclaws.commands.recorded_motion import recorded_scene
 from pcnclaws.commands.typed_configs import ObserveConfig
-from pcnclaws.data.hdf5 import read_scenes, scene_names
 from pcnclaws.data.markers import surface_particles
 from pcnclaws.data.observation_files import DOUBLE_DIGITS, SINGLE_DIGITS, write_table
 from pcnclaws.errors import UserError
@@ -22,7 +22,7 @@ from pcnclaws.simulation.records import SceneRecord
 def observe(config: ObserveConfig) -> None:
     """Writes the markers of a recorded motion as a CSV file to `output`, and a picture of them beside it."""
     output = output_file(config.output, {"file": config.file}, *TABLE)
-    record = _recorded(config)
+    record = recorded_scene(config.file, config.scene, "file", with_keyframes=False)
     chance = np.random.default_rng(whole_number(config.seed, "seed", least=0))
     marker = _chosen(config, record, chance)
     frames = np.arange(0, len(record.time), whole_number(config.every, "every"))
@@ -43,15 +43,6 @@ def observe(config: ObserveConfig) -> None:
     )
     if picture:
         print(f"wrote {picture}")
-
-
-def _recorded(config: ObserveConfig) -> SceneRecord:
-    if not isinstance(config.file, str) or not config.file:
-        raise UserError(f"file={config.file or 'null'} is not accepted; accepted: the path of a trajectory file")
-    known = scene_names(config.file)
-    if config.scene is None and len(known) > 1:
-        raise UserError(f"{config.file}: holds {len(known)} scenes; accepted: scene= one of {', '.join(known[:20])}")
-    return read_scenes(config.file, [config.scene or known[0]], with_keyframes=False)[0]
 
 
 def _chosen(config: ObserveConfig, record: SceneRecord, chance: np.random.Generator) -> np.ndarray:

@@ -310,6 +310,42 @@ class ObserveConfig(Command):
 
 
 @dataclass(frozen=True)
+class ExportConfig(Command):
+    """Options of `export`."""
+
+    plugins: list[str]
+    trajectory: Unchecked
+    scene: Unchecked
+    format: Unchecked
+    frame: Unchecked
+    law: str
+
+
+@dataclass(frozen=True)
+class RenderConfig(Command):
+    """Options of `render`."""
+
+    plugins: list[str]
+    trajectory: Unchecked
+    scene: Unchecked
+    names: Unchecked
+    layout: str
+    colour: str
+    colour_map: str
+    colour_range: Unchecked
+    law: str
+    renderer: str
+    size: Unchecked
+    oversample: Unchecked
+    azimuth: Number
+    elevation: Number
+    zoom: Number
+    times: int
+    frame_rate: Number
+    seconds: Unchecked
+
+
+@dataclass(frozen=True)
 class CalibrateConfig(Command):
     """Options of `calibrate`."""
 
@@ -342,5 +378,7 @@ CONFIGS: Mapping[str, type[Command]] = {
     "estimate": EstimateConfig,
     "observe": ObserveConfig,
     "calibrate": CalibrateConfig,
+    "export": ExportConfig,
+    "render": RenderConfig,
     "benchmark": BenchmarkConfig,
 }

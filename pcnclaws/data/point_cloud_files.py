@@ -4,6 +4,7 @@ Both formats hold little-endian arrays of the precision of the motion; the VTK o
 """
 
 import base64
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -12,32 +13,30 @@ import numpy as np
 
 from pcnclaws.atomic import replaced_file
 
-PLY_TYPES = {np.dtype("float32"): "float", np.dtype("float64"): "double"}
-VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i8": "Int64", "u1": "UInt8"}
+PLY_TYPES = {np.dtype("float32"): "float", np.dtype("float64"): "double", np.dtype("int32"): "int"}
+VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 VTK_VERTEX = 1
 
 Fields = Mapping[str, np.ndarray]
 
 
-def write_ply(path: Path, position: np.ndarray, fields: Fields) -> None:
+def write_ply(path: Path, position: np.ndarray, fields: Fields, comment: str) -> None:
     """Writes a PLY point cloud, binary.
 
     position  [m], (particles, 3): the properties x, y, z
     fields    further properties by name, each (particles, ...); components of tensors are numbered, velocity_0, ...
+    comment   one line of the header
     """
-    columns: dict[str, np.ndarray] = dict(zip("xyz", position.T, strict=True))
-    for name, values in fields.items():
-        flat = values.reshape(len(position), -1)
-        columns |= {name if flat.shape[1] == 1 else f"{name}_{k}": flat[:, k] for k in range(flat.shape[1])}
-    table = np.empty(len(position), [(name, values.dtype.newbyteorder("<")) for name, values in columns.items()])
-    for name, values in columns.items():
+    properties = dict(zip("xyz", position.T, strict=True)) | columns(fields, len(position))
+    table = np.empty(len(position), [(name, values.dtype.newbyteorder("<")) for name, values in properties.items()])
+    for name, values in properties.items():
         table[name] = values
-    properties = [f"property {PLY_TYPES[values.dtype]} {name}" for name, values in columns.items()]
     header = [
         "ply",
         "format binary_little_endian 1.0",
+        f"comment {comment}",
         f"element vertex {len(position)}",
-        *properties,
+        *(f"property {PLY_TYPES[values.dtype]} {name}" for name, values in properties.items()),
         "end_header",
         "",
     ]
@@ -45,11 +44,21 @@ def write_ply(path: Path, position: np.ndarray, fields: Fields) -> None:
         part.write("\n".join(header).encode("ascii") + table.tobytes())
 
 
-def write_vtu(path: Path, position: np.ndarray, fields: Fields) -> None:
+def columns(fields: Fields, count: int) -> dict[str, np.ndarray]:
+    """Fields of particles as columns, each (particles,); components are numbered by rows, velocity_0, ..."""
+    found: dict[str, np.ndarray] = {}
+    for name, values in fields.items():
+        flat = values.reshape(count, math.prod(values.shape[1:]))
+        found |= {name if flat.shape[1] == 1 else f"{name}_{k}": flat[:, k] for k in range(flat.shape[1])}
+    return found
+
+
+def write_vtu(path: Path, position: np.ndarray, fields: Fields, comment: str) -> None:
     """Writes a VTK unstructured grid whose cells are single points.
 
     position  [m], (particles, 3)
     fields    point data by name, each (particles, ...)
+    comment   one line ahead of the grid
     """
     count = len(position)
     cells = {
@@ -58,6 +67,7 @@ def write_vtu(path: Path, position: np.ndarray, fields: Fields) -> None:
         "types": np.full(count, VTK_VERTEX, np.uint8),
     }
     lines = [
+        f"<!-- {comment.replace('--', '- -')} -->",
         '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
         f'<UnstructuredGrid><Piece NumberOfPoints="{count}" NumberOfCells="{count}">',
         f"<Points>{_vtk_array('position', position)}</Points>",
@@ -77,7 +87,7 @@ def write_pvd(path: Path, times: Sequence[float], files: Sequence[str]) -> None:
 
 
 def _vtk_array(name: str, values: np.ndarray) -> str:
-    flat = values.reshape(len(values), -1)
+    flat = values.reshape(len(values), math.prod(values.shape[1:]))
     flat = np.ascontiguousarray(flat, flat.dtype.newbyteorder("<"))
     content = base64.b64encode(np.uint64(flat.nbytes).astype("<u8").tobytes() + flat.tobytes()).decode("ascii")
     kind = VTK_TYPES[flat.dtype.str[1:]]

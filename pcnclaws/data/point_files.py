@@ -1,15 +1,15 @@
-"""Point files: bodies from an .npz or from the first frame of a trajectory file."""
+"""Point files: bodies from an .npz, a PLY point cloud or the first frame of a trajectory file."""
 
 import logging
-import math
-import zipfile
 from pathlib import Path
 
 import numpy as np
 
 from pcnclaws.data.first_motion import name_contradictions
+from pcnclaws.data.frame_records import name_unread
+from pcnclaws.data.guarded_npz import opened_arrays
 from pcnclaws.data.hdf5 import read_scenes, scene_names
-from pcnclaws.data.room import require_room
+from pcnclaws.data.ply_series import read_ply
 from pcnclaws.data.units import check_spacing
 from pcnclaws.errors import UserError
 from pcnclaws.geometry.shapes import PointCloud
@@ -17,18 +17,18 @@ from pcnclaws.simulation.records import SceneRecord
 
 log = logging.getLogger(__name__)
 
-POINT_FILES = (".npz", ".h5", ".hdf5")
+POINT_FILES = (".npz", ".ply", ".h5", ".hdf5")
 # Arrays of an .npz and the shapes of what they hold of a particle.
 ARRAYS: dict[str, tuple[int, ...]] = {"position": (3,), "velocity": (3,), "volume": (), "density": ()}
 REQUIRED = ("position", "velocity", "volume")
 LISTED = 8
-MAXIMUM_POINT_FILE_BYTES = 4 * 1024**3
 
 
 def read_point_file(path: str | Path, name: str | None = None) -> PointCloud:
-    """The body of a point file: an .npz of position, velocity and volume, or the first frame of a trajectory file.
+    """The body of a point file: an .npz of position, velocity and volume, a PLY point cloud with a volume for each
+    vertex and, optionally, velocity_0, ..., or the first frame of a trajectory file.
 
-    Both may hold the density of each particle. Other arrays of an .npz are named in one line.
+    All may hold the density of each particle. Other arrays of an .npz and other properties are named in one line.
 
     name    the scene of a trajectory file that holds several
     raises  UserError, one line, for whatever is wrong with the file
@@ -38,7 +38,9 @@ def read_point_file(path: str | Path, name: str | None = None) -> PointCloud:
         raise UserError(f"scene.particles={path} is not accepted; accepted: a file ending in {', '.join(POINT_FILES)}")
     if not path.is_file():
         raise UserError(f"scene.particles={path}: no such file")
-    return _read_npz(path) if path.suffix.lower() == ".npz" else _first_frame(path, name)
+    if path.suffix.lower() == ".npz":
+        return _checked(path, _arrays(path))
+    return _read_ply(path) if path.suffix.lower() == ".ply" else _first_frame(path, name)
 
 
 def read_one_scene(path: Path, name: str | None) -> SceneRecord:
@@ -72,14 +74,16 @@ def _first_frame(path: Path, name: str | None) -> PointCloud:
     )
 
 
-def _read_npz(path: Path) -> PointCloud:
-    try:
-        arrays = _arrays(path)
-    except UserError:
-        raise
-    except Exception as error:  # zip, zlib and NumPy raise whatever a damaged file makes them meet
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise UserError(f"{path}: not an .npz file of numbers, or damaged ({reason})") from error
+def _read_ply(path: Path) -> PointCloud:
+    cloud = read_ply(path)
+    if "volume" not in cloud.fields:
+        raise UserError(f"{path}: the property 'volume' is missing; accepted: x, y, z and volume of each vertex")
+    arrays = {"position": cloud.position, "velocity": np.zeros_like(cloud.position), **cloud.fields}
+    name_unread(path, [*cloud.unread, *(name for name in cloud.fields if name not in ARRAYS)], ARRAYS)
+    return _checked(path, {name: arrays[name].astype(np.float64) for name in ARRAYS if name in arrays})
+
+
+def _checked(path: Path, arrays: dict[str, np.ndarray]) -> PointCloud:
     position, volume = arrays["position"], arrays["volume"]
     count = position.shape[0] if position.ndim else 0
     for name, values in arrays.items():
@@ -97,28 +101,9 @@ def _read_npz(path: Path) -> PointCloud:
     return PointCloud(position, arrays["velocity"], volume, density=arrays.get("density"))
 
 
-def _check_headers(archive: zipfile.ZipFile) -> None:
-    """Raises ValueError for an array whose header claims more than its member holds: NumPy makes room for it first."""
-    for member in archive.infolist():
-        if not member.filename.endswith(".npy"):
-            continue
-        with archive.open(member) as file:
-            version = np.lib.format.read_magic(file)
-            read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-            shape, _, dtype = read(file)
-        if math.prod(shape) * max(dtype.itemsize, 1) > member.file_size:
-            raise ValueError(f"{member.filename[:60]!a} claims the shape {shape}, more than it holds")
-
-
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     """Those of ARRAYS in double precision. Objects are refused: reading one would run code from the file."""
-    with zipfile.ZipFile(path) as archive:
-        sizes = [member.file_size for member in archive.infolist()]
-        if sum(sizes) > MAXIMUM_POINT_FILE_BYTES:
-            raise UserError(f"{path}: claims more than {MAXIMUM_POINT_FILE_BYTES / 1024**3:g} GiB of points")
-        require_room(sum(sizes), str(path))
-        _check_headers(archive)
-    with np.load(path, allow_pickle=False) as file:
+    with opened_arrays(path) as file:
         for name in REQUIRED:
             if name not in file:
                 raise UserError(f"{path}: '{name}' is missing; accepted: position (N, 3), velocity (N, 3), volume (N,)")

@@ -358,7 +358,8 @@ def simulate_scenes(
             named = next((start for start in group if f"scene '{start.name}'" in str(error)), group[0])
             raise type(error)(f"{error}; {stability_of(named, law.material).advice(error)}") from error
         for k, record in zip(of_law, records, strict=True):
-            motions[k] = Motion(with_exact_masses(record, starts[k]), precision.device, tuple(starts[k].varying))
+            exact = with_exact_masses(record, starts[k])
+            motions[k] = Motion(exact, precision.device, starts[k].varying, law.laws)
     return [motions[k] for k in range(len(scenes))]
 
 

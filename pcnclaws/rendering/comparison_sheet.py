@@ -13,7 +13,7 @@ from pcnclaws.atomic import replaced_file
 from pcnclaws.metrics import mse_sum, object_size, position_mse, rms_percent
 from pcnclaws.rendering.camera import Camera
 from pcnclaws.rendering.labels import FONT, material_colour, material_label
-from pcnclaws.rendering.pictures import camera_for, panel
+from pcnclaws.rendering.panels import camera_for, panel
 from pcnclaws.simulation.records import SceneRecord
 
 TIMES, WIDTH, MARGIN, PAIR_GAP = 3, 1600, 14, 20  # the lengths in pixels

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from pcnclaws.atomic import replaced_file
 from pcnclaws.rendering.labels import material_label
-from pcnclaws.rendering.pictures import camera_for, panel
+from pcnclaws.rendering.panels import camera_for, panel
 from pcnclaws.simulation.records import SceneRecord
 
 COLUMNS, TILE_WIDTH, DPI = 4, 260, 130

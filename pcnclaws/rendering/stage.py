@@ -53,7 +53,7 @@ def shadowed_stage(
     floor: bool = True,
 ) -> Float[np.ndarray, "rows columns"]:
     """Brightness of each pixel of the box with the soft shadow that the particles throw on the floor, if any."""
-    brightness, met = empty_stage(camera, floor)
+    brightness, _ = empty_stage(camera, floor)
     if not floor:
         return brightness
     cell = (camera.upper - camera.lower) / SHADOW_CELLS
@@ -61,12 +61,20 @@ def shadowed_stage(
     bins = np.linspace(camera.lower, camera.upper, SHADOW_CELLS + 1)
     covered, _, _ = np.histogram2d(fallen[:, 0], fallen[:, 2], bins=(bins, bins), weights=np.pi * radius**2 / cell**2)
     density = gaussian_filter(covered, max(SHADOW_BLUR, float(radius.max(initial=0.0) / cell)))
-    on_floor = np.isfinite(met[..., 0])
-    x, z = ((met[on_floor][:, k] - camera.lower) / cell - 0.5 for k in (0, 2))
+    on_floor, x, z = _floor_cells(camera, cell)
     shadowed = brightness.copy()
     shade = map_coordinates(1.0 - np.exp(-1.5 * density), (x, z), order=1, mode="nearest")
     shadowed[on_floor] *= 1.0 - SHADOW_DARKNESS * shade
     return shadowed
+
+
+@lru_cache(maxsize=2)
+def _floor_cells(camera: Camera, cell: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which pixels show the floor, (rows, columns), and where on it each of these is along x and z, in cells."""
+    _, met = empty_stage(camera)
+    on_floor = np.isfinite(met[..., 0])
+    x, z = ((met[on_floor][:, k] - camera.lower) / cell - 0.5 for k in (0, 2))
+    return on_floor, x, z
 
 
 def _box(camera: Camera) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from pcnclaws.data.first_motion import name_contradictions
 from pcnclaws.data.hdf5 import read_scenes
+from pcnclaws.data.trajectory_files import read_trajectories
 from pcnclaws.data.units import check_record
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import MATERIALS, Material
@@ -88,7 +89,7 @@ def _spans(records: Sequence[SceneRecord], names: Iterable[str]) -> dict[str, tu
 
 
 def _checked(path: Path, material: Material) -> list[SceneRecord]:
-    records = read_scenes(path)
+    records = read_trajectories(path, material.name)
     for record in records:
         # a name of the user's own is a body whose law is in no table: only its parameters must be the material's
         if record.material in MATERIALS and record.material != material.name:

@@ -25,7 +25,7 @@ from pcnclaws.simulation.time_step import largest_speed, stability_of
 MAKEFILES = ("Makefile", "benchmarks/accuracy.mk", "benchmarks/estimation.mk", "benchmarks/baselines.mk")
 
 ENTRIES = [path.stem for path in sorted(conf_folder().glob("*.yaml"))]
-OF_ONE_MATERIAL = [entry for entry in ENTRIES if entry not in ("benchmark", "observe")]
+OF_ONE_MATERIAL = [entry for entry in ENTRIES if entry not in ("benchmark", "observe", "export", "render")]
 PROBLEMS = [path.stem for path in sorted((conf_folder() / "problem").glob("*.yaml"))]
 EXPERIMENTS = [path.stem for path in sorted((conf_folder() / "experiment").glob("*.yaml"))]
 BASELINES = ("nclaws", "spline", "gns", "identified")

@@ -9,7 +9,7 @@ REFUSED = """
 import sys
 from importlib import import_module
 from pcnclaws.commands import launcher
-for entry in ("simulate", "generate", "train", "evaluate", "estimate", "observe", "calibrate"):
+for entry in ("simulate", "generate", "train", "evaluate", "estimate", "observe", "calibrate", "export", "render"):
     task = getattr(import_module(f"pcnclaws.{entry}"), entry)
     assert launcher.run(task, entry, ["sizeof=3"]) == 2
     assert launcher.run(task, entry, ["--help"]) == 0

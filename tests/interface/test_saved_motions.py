@@ -57,7 +57,7 @@ def test_a_point_cloud_that_others_read(motion: pc.Motion, tmp_path: Path) -> No
 
 def _vtk_arrays(path: Path) -> dict[str, np.ndarray]:
     """The arrays of a VTK XML file, read as its format is documented."""
-    types = {"Float32": "<f4", "Float64": "<f8", "Int64": "<i8", "UInt8": "u1"}
+    types = {"Float32": "<f4", "Float64": "<f8", "Int32": "<i4", "Int64": "<i8", "UInt8": "u1"}
     arrays = {}
     for array in ElementTree.parse(path).iter("DataArray"):  # noqa: S314  # our own file
         content = base64.b64decode(array.text or "")

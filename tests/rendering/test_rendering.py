@@ -15,7 +15,8 @@ from pcnclaws.rendering.camera import Camera
 from pcnclaws.rendering.comparison_sheet import Pair, comparison_sheet
 from pcnclaws.rendering.curves import ErrorCurve, LossCurve, error_over_time, loss_curve
 from pcnclaws.rendering.labels import material_label
-from pcnclaws.rendering.pictures import camera_for, panel, predicted_beside_true, trajectory_picture
+from pcnclaws.rendering.panels import camera_for, panel
+from pcnclaws.rendering.pictures import predicted_beside_true, trajectory_picture
 from pcnclaws.rendering.spheres import draw_particles
 from pcnclaws.rendering.upright import upright
 from pcnclaws.simulation.records import SceneRecord

@@ -1,0 +1,65 @@
+"""Trajectories from an .npz of arrays, such as Motion.save writes."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pcnclaws.data.frame_records import READ, Frame, checked_fields, name_unread, record_of
+from pcnclaws.data.guarded_npz import opened_arrays
+from pcnclaws.data.scene_notes import SETTINGS
+from pcnclaws.errors import UserError
+from pcnclaws.laws.parameters import PARAMETERS
+from pcnclaws.simulation.records import SceneRecord
+
+WORDS = ("name", "material", "boundary")
+# Arrays that are the same in all frames.
+FIXED = tuple(name for name in READ if name != "velocity" and name not in PARAMETERS)
+
+
+def read_motion_arrays(path: Path, material: str) -> SceneRecord:
+    """The scene of an .npz: time (frames,) [s], position (frames, particles, 3) [m], volume (particles,) [m^3].
+
+    Optional are velocity (frames, particles, 3), density and id (particles,), initial_affine (particles, 3, 3),
+    physical parameters and settings as numbers, and the words material, name and boundary. What else it holds is named.
+    raises  UserError, one line, for whatever is wrong with the file
+    """
+    with opened_arrays(path) as file:
+        for name in ("time", "position", "volume"):
+            if name not in file:
+                raise UserError(f"{path}: '{name}' is missing; accepted: time (N,), position (N, particles, 3), volume")
+        known = ("time", "position", *READ, *SETTINGS, *WORDS)
+        arrays = {name: file[name] for name in known if name in file}
+        others = [name for name in file if name not in known]
+    time, position = arrays["time"], arrays["position"]
+    if position.dtype.kind != "f" or position.ndim != 3 or position.shape[2] != 3 or time.shape != position.shape[:1]:
+        raise UserError(
+            f"{path}: 'position' has the shape {position.shape} and 'time' {time.shape}; accepted: (N, particles, 3) "
+            "and (N,)"
+        )
+    if not len(time) or time.dtype.kind not in "fiu":
+        raise UserError(f"{path}: holds no frame")
+    name_unread(path, others)
+    return record_of(_frames(path, arrays), path, path.stem, material)
+
+
+def _frames(path: Path, arrays: dict[str, np.ndarray]) -> list[Frame]:
+    where, position = str(path), arrays["position"]
+    count = position.shape[1]
+    fixed = {name: arrays[name] for name in FIXED if name in arrays}
+    fixed |= {name: arrays[name] for name in PARAMETERS if name in arrays and arrays[name].ndim}
+    fixed = checked_fields(fixed, count, where)
+    notes = {name: arrays[name] for name in (*SETTINGS, *PARAMETERS) if name in arrays and name not in fixed}
+    notes |= {name: str(arrays[name]) for name in WORDS if name in arrays}
+    notes.pop("density", None)
+    velocity = arrays.get("velocity")
+    if velocity is not None and velocity.shape != position.shape:
+        raise UserError(f"{path}: 'velocity' has the shape {velocity.shape}; accepted: {position.shape}")
+    frames = []
+    for k, time in enumerate(arrays["time"].tolist()):
+        fields = fixed if velocity is None else fixed | checked_fields({"velocity": velocity[k]}, count, where)
+        frames.append(Frame(float(time), position[k].astype(_kind(position)), fields, notes))
+    return frames
+
+
+def _kind(values: np.ndarray) -> type:
+    return np.float64 if values.dtype == np.float64 else np.float32
