@@ -94,11 +94,7 @@ CHECKS = {
 
 @pytest.mark.usefixtures("own_registry")
 @pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.slow) if name in ("training", "scaling", "step_cost") else name
-        for name in SMOKE
-    ],
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in DEAR else name for name in SMOKE]
 )
 def test_a_problem_leaves_its_document_and_pictures_and_can_be_redrawn(name: str, in_process, tmp_path: Path) -> None:
     outcome = in_process(benchmark, "benchmark", f"problem={name}", *SMOKE[name], "output=o", "seed=3")
