@@ -31,7 +31,8 @@ LONG = """## Twenty thousand steps
 A dropped cube, and one afloat without gravity. *Growth*: the largest growth of kinetic, elastic and gravitational
 energy from one frame to any later one after the last impact, over the energy of the start, at most {growth:g}.
 *Drift*: how far the middle of the body moves in the last quarter, over dx, at most {drift:g}. *Creep*: the largest
-change of F by the return map at 20 000 strains inside the yield surface, at most {creep:g}.
+change of F by the return map at 20 000 strains inside the yield surface, at most {creep:g}. Sand misses the drift: on
+this floor, which has no friction, a heap goes on running out.
 """
 GRADIENTS = """## Derivatives
 
