@@ -7,11 +7,11 @@ from typing import Any
 
 from benchmarks.document import read_document
 from benchmarks.pages.cells import table
+from benchmarks.pages.command import write_and_say
 from benchmarks.stress.fates import HOLDS, REFUSED, STOPPED
 from benchmarks.stress.long_runs import MOST_CREEP, MOST_DRIFT, MOST_GROWTH, verdicts
 from benchmarks.stress.report import WORDS, draw
 from pcnclaws.atomic import replaced_file
-from pcnclaws.errors import UserError
 
 Row = Mapping[str, Any]
 INTRODUCTION = """# Scenes at the edge
@@ -117,19 +117,13 @@ def write_page(source: Path, output: Path) -> list[Path]:
     return [output, *draw(document, output.parent / "images")]
 
 
-def main(arguments: Sequence[str]) -> int:
-    """The exit status of the command with these arguments."""
-    if len(arguments) != 2:
-        print("accepted: a result file of problem=stress, and the page to write", file=sys.stderr)
-        return 2
-    try:
-        for path in write_page(*map(Path, arguments)):
-            print(f"wrote {path}")
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+def main() -> None:
+    """The command."""
+    if len(sys.argv) != 3:
+        sys.exit("accepted: a result file and its page, docs/results/stress.json docs/stress.md")
+    source, output = map(Path, sys.argv[1:])
+    write_and_say(lambda: write_page(source, output))
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()

@@ -12,10 +12,10 @@ from typing import Any
 
 from benchmarks.charts import COLOURS, chart, decorate, save
 from benchmarks.pages.cells import table
+from benchmarks.pages.command import write_and_say
 from benchmarks.pages.documents import read_document
 from benchmarks.pages.links import picture_link
 from pcnclaws.atomic import replaced_file
-from pcnclaws.errors import UserError
 
 Row = Mapping[str, Any]
 IMAGES = "images"
@@ -144,13 +144,13 @@ def main() -> None:
     if len(sys.argv) != 3:
         sys.exit("accepted: a result file and its page, docs/results/verification.json docs/verification.md")
     result, output = map(Path, sys.argv[1:])
-    try:
-        document = read_document(result, "results", "python -m benchmarks problem=verification")
-        for path in write_verification(document, output, output.parent / IMAGES / "verification"):
-            print(f"wrote {path}")
-    except UserError as fault:
-        print(fault, file=sys.stderr)
-        sys.exit(2)
+    write_and_say(
+        lambda: write_verification(
+            read_document(result, "results", "python -m benchmarks problem=verification"),
+            output,
+            output.parent / IMAGES / "verification",
+        )
+    )
 
 
 if __name__ == "__main__":
