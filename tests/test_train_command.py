@@ -96,6 +96,7 @@ def test_a_users_own_file_trains_on_positions_only(
     assert "output=run holds a run of another configuration (seed: 0 there, 5 asked for)" in other.err
 
 
+@pytest.mark.slow
 def test_the_same_command_continues_a_killed_run_bit_for_bit(
     in_process: Callable[..., Outcome], positions_only: Path, tmp_path: Path
 ) -> None:

@@ -166,6 +166,7 @@ def trained(folder: Path, bodies: list[SceneRecord], iterations: int, budget: fl
     return module
 
 
+@pytest.mark.slow
 def test_a_short_training_lowers_the_error_and_is_evaluated_as_a_law_is(tmp_path: Path) -> None:
     bodies = recorded(1)
     module = trained(tmp_path, bodies, 300)

@@ -206,6 +206,7 @@ def tiny_options() -> dict[str, Any]:
     return dict(compose_config("benchmark", ["problem=run_time_vs_error", *TINY]).problem)
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_where_it_was(tmp_path: Path) -> None:
     options = tiny_options() | {"problems": ["bounce"], "laws": ["analytic"], "grid_nodes": [10]}
     with pytest.raises(KeyboardInterrupt):

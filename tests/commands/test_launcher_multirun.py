@@ -76,10 +76,10 @@ def _status(error: Exception | None) -> int:
 @pytest.mark.parametrize(
     ("errors", "status"),
     [
-        ({1: SimulationDiverged("left")}, 1),
-        ({2: UserError("wrong")}, 2),
+        pytest.param({1: SimulationDiverged("left")}, 1, marks=pytest.mark.slow),
+        pytest.param({2: UserError("wrong")}, 2, marks=pytest.mark.slow),
         ({1: SimulationDiverged("left"), 3: UserError("wrong")}, 2),
-        ({1: UserError("wrong"), 3: SimulationDiverged("left")}, 2),
+        pytest.param({1: UserError("wrong"), 3: SimulationDiverged("left")}, 2, marks=pytest.mark.slow),
         ({2: RuntimeError("a bug")}, 1),
     ],
 )

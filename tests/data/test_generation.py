@@ -172,6 +172,7 @@ def test_a_folder_of_another_data_set_is_refused_with_what_differs(tmp_path: Pat
         generate_data_set(SMALL, tmp_path)
 
 
+@pytest.mark.slow
 def test_a_killed_command_goes_on_and_ends_like_an_uninterrupted_one(
     tmp_path: Path, in_process: Callable[..., Any]
 ) -> None:

@@ -247,6 +247,7 @@ def small_map(points: int = 2, steps: int = 40) -> BuiltinTask:
     )
 
 
+@pytest.mark.slow
 def test_a_small_map_from_the_truth_to_the_picture(tmp_path: Path) -> None:
     task = small_map()
     done: list[int] = []
