@@ -81,6 +81,8 @@ def _plan(config: GenerateConfig, settings: SimulationSettings) -> DataSetPlan:
         train_scenes=whole_number(config.data.train_scenes, "data.train_scenes"),
         validation_scenes=whole_number(config.data.validation_scenes, "data.validation_scenes"),
         seed=whole_number(config.data.seed, "data.seed", least=0),
+        speed=float(config.data.speed),
+        spin=float(config.data.spin),
         precision=str(precision_from(config.precision)).removeprefix("torch."),
     )
 

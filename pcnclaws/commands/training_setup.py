@@ -3,6 +3,8 @@
 import math
 from typing import NamedTuple, TypeAlias
 
+import torch
+
 from pcnclaws.commands.configuration import precision_from, skips_from, whole_number
 from pcnclaws.commands.runs import as_laws
 from pcnclaws.commands.typed_configs import TrainConfig
@@ -13,15 +15,17 @@ from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.simulation.motion import MotionModel, SceneSimulator
 from pcnclaws.training.budget import WallClock
+from pcnclaws.training.gauss_newton import GaussNewtonModule
 from pcnclaws.training.loop import Loop
 from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
 from pcnclaws.training.one_step import OneStepModule
 from pcnclaws.training.single_scene import SingleSceneModule
-from pcnclaws.training.sources import TrainingScenes
+from pcnclaws.training.sources import TrainingScenes, show_deformations
 from pcnclaws.training.watched import WatchedModule
 
 REGIMES: dict[str, type[ConstitutiveModule]] = {"multi_scene": MultiSceneModule, "single_scene": SingleSceneModule}
+METHODS = ("adam", "gauss_newton")
 # Noise of the positions that a model of motion is trained with, unless training.noise says another [m].
 NO_NOISE = 0.0
 
@@ -48,6 +52,8 @@ def regime_from(config: TrainConfig) -> type[ConstitutiveModule]:
 
 def check_training(config: TrainConfig) -> None:
     """Refuses wrong options of `training.*` before any data is made."""
+    if config.training.method not in METHODS:
+        raise unknown_name("training.method", config.training.method, METHODS)
     _plan(config)
     _optimiser(config)
     _budget(config)
@@ -88,11 +94,14 @@ def setup(config: TrainConfig, model: SceneSimulator, scenes: TrainingScenes) ->
 
 
 def _simulated(config: TrainConfig, laws: Laws, scenes: TrainingScenes, check_every: int) -> Prepared:
-    plan = _plan(config)
-    data = TrajectoryDataModule(scenes.training, scenes.validation, plan, check_every, precision_from(config.precision))
+    show_deformations(laws.elasticity, scenes.training)
+    plan, second_order = _plan(config), config.training.method == "gauss_newton"
+    precision = torch.float64 if second_order else precision_from(config.precision)
+    data = TrajectoryDataModule(scenes.training, scenes.validation, plan, check_every, precision)
     data.dataset.internal_variables = laws.internal_variables
     settings = data.dataset.settings
-    module = regime_from(config)(laws, settings, _optimiser(config), plan.iterations, skips_from(config.simulation))
+    regime = GaussNewtonModule if second_order else regime_from(config)
+    module = regime(laws, settings, _optimiser(config), plan.iterations, skips_from(config.simulation))
     return module, data, (*data.dataset.notes, _segments_in_words(data.dataset)) if plan.iterations else ()
 
 

@@ -110,6 +110,8 @@ class Data:
     every: int
     keyframe_every: int
     seed: int
+    speed: Number
+    spin: Number
 
 
 @dataclass(frozen=True)
@@ -145,6 +147,7 @@ class Training:
     check_every: int
     seconds: Unchecked
     noise: Number | None = None
+    method: str = "adam"
 
 
 @dataclass(frozen=True)

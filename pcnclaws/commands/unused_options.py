@@ -56,6 +56,8 @@ OF_GENERATED_DATA = (
     "data.every",
     "data.keyframe_every",
     "data.seed",
+    "data.speed",
+    "data.spin",
 )
 
 
@@ -180,6 +182,11 @@ RULES: Mapping[str, Sequence[Rule]] = {
             lambda options: options.get("model.name") != "gns",
         ),
         Rule(("training.plastic_learning_rate",), "on a material without plasticity", _elastic),
+        Rule(
+            ("training.loss", "training.loss_scale", "training.learning_rate", "training.gradient_clip"),
+            "with training.method=gauss_newton, which has no learning rate and the loss 'relative'",
+            _is("training.method", "gauss_newton"),
+        ),
         Rule(
             (*OF_FITTING, *OF_SEGMENTS),
             "with training.iterations=0",

@@ -20,7 +20,7 @@ import torch
 from pcnclaws.atomic import remove_partial_files, replaced_file
 from pcnclaws.data.hdf5 import read_scenes, write_scenes
 from pcnclaws.data.locks import one_after_another
-from pcnclaws.data.sampling import SPLITS, DataSetPlan, planned_scenes
+from pcnclaws.data.sampling import MAXIMUM_SPEED, MAXIMUM_SPIN, SPLITS, DataSetPlan, planned_scenes
 from pcnclaws.data.scene_settings import described_settings
 from pcnclaws.errors import UserError
 from pcnclaws.laws.analytic import analytic_laws
@@ -180,11 +180,18 @@ def _description(plan: DataSetPlan) -> dict[str, Any]:
         "data.train_scenes": plan.train_scenes,
         "data.validation_scenes": plan.validation_scenes,
         "data.seed": plan.seed,
+        **_other_motions(plan),
         "precision": plan.precision,
         "particles": len(body),
         **own,
         "body": hashlib.sha256(body.tobytes()).hexdigest(),
     }
+
+
+def _other_motions(plan: DataSetPlan) -> dict[str, float]:
+    """What of the motions is not the default: a manifest says no more than it did before they could be chosen."""
+    limits = {"data.speed": (plan.speed, MAXIMUM_SPEED), "data.spin": (plan.spin, MAXIMUM_SPIN)}
+    return {name: value for name, (value, default) in limits.items() if value != default}
 
 
 def _short(value: object) -> str:

@@ -18,6 +18,7 @@ from pcnclaws.simulation.scenes import SceneStart
 SPLITS = ("train", "validation", "test")
 MAXIMUM_SPEED, MAXIMUM_SPIN = 3.0, 4.0
 MAXIMUM_SCENES = 10_000
+FASTEST = 100.0
 # Digits of the sampled parameters: enough to fill the ranges, few enough to be typed again.
 DIGITS = 4
 
@@ -47,6 +48,8 @@ class DataSetPlan:
     every           steps between frames
     keyframe_every  steps between full states, a multiple of `every`
     precision       'float32' or 'float64', of the simulation and of the files
+    speed           up to which bodies are thrown [m/s], of all scenes but the test's
+    spin            up to which half of them spin [rad/s]
     raises          UserError for a plan that cannot be made
     """
 
@@ -60,6 +63,8 @@ class DataSetPlan:
     validation_scenes: int = 2
     seed: int = 0
     precision: str = "float32"
+    speed: float = MAXIMUM_SPEED
+    spin: float = MAXIMUM_SPIN
 
     def __post_init__(self) -> None:
         _require_whole("simulation.steps", self.steps, 1)
@@ -68,6 +73,9 @@ class DataSetPlan:
         _require_whole("data.train_scenes", self.train_scenes, 1, MAXIMUM_SCENES)
         _require_whole("data.validation_scenes", self.validation_scenes, 1, MAXIMUM_SCENES)
         _require_whole("data.seed", self.seed, 0)
+        for option, value in (("data.speed", self.speed), ("data.spin", self.spin)):
+            if not 0.0 <= value <= FASTEST:
+                raise UserError(f"{option}={value} is not accepted; accepted: a number from 0 to {FASTEST:g}")
         if self.precision not in ("float32", "float64"):
             raise UserError(f"precision={self.precision} is not accepted; accepted: float32, float64")
         if self.keyframe_every % self.every:
@@ -108,18 +116,20 @@ def draw_parameters(material: Material, count: int, seed: tuple[int, ...]) -> li
     return drawn
 
 
-def draw_motions(count: int, seed: tuple[int, ...]) -> list[Motion]:
-    """Motions: speeds up to MAXIMUM_SPEED in any direction that does not rise, half of them with spin.
+def draw_motions(
+    count: int, seed: tuple[int, ...], largest_speed: float = MAXIMUM_SPEED, largest_spin: float = MAXIMUM_SPIN
+) -> list[Motion]:
+    """Motions: speeds up to the largest [m/s] in any direction that does not rise, half of them with spin.
 
-    Spins go up to MAXIMUM_SPIN about any axis. Which scenes spin is drawn apart from everything else.
+    Spins go up to the largest [rad/s] about any axis. Which scenes spin is drawn apart from everything else.
     """
     random = np.random.default_rng((*seed, 1))
     sample = qmc.Halton(6, rng=random).random(count)
     spinning = random.permutation(count) < count // 2
     motions = []
     for (speed, azimuth, height, rate, spin_azimuth, spin_height), spins in zip(sample, spinning, strict=True):
-        velocity = MAXIMUM_SPEED * speed * _direction(azimuth, -height)
-        spin = MAXIMUM_SPIN * rate * _direction(spin_azimuth, 2.0 * spin_height - 1.0)
+        velocity = largest_speed * speed * _direction(azimuth, -height)
+        spin = largest_spin * rate * _direction(spin_azimuth, 2.0 * spin_height - 1.0)
         motions.append(Motion(velocity, spin if spins else np.zeros(3)))
     return motions
 
@@ -132,7 +142,8 @@ def _direction(azimuth: float, height: float) -> np.ndarray:
 
 def _sampled(plan: DataSetPlan, split: str, count: int, seed: tuple[int, ...]) -> list[SceneStart]:
     width = max(2, len(str(count - 1)))
-    drawn = zip(draw_parameters(plan.material, count, seed), draw_motions(count, seed), strict=True)
+    motions = draw_motions(count, seed, plan.speed, plan.spin)
+    drawn = zip(draw_parameters(plan.material, count, seed), motions, strict=True)
     return [
         _start(plan, f"{split}-{number:0{width}d}", parameters, motion)
         for number, (parameters, motion) in enumerate(drawn)

@@ -55,6 +55,9 @@ class Law(nn.Module, ABC):
         if "physical_parameters" in cls.__dict__:
             cls.parameter_names = tuple(parameter.name for parameter in cls.physical_parameters)
 
+    def see(self, deformation: Matrices) -> None:
+        """Takes note of the deformations (3, 3, particles) of the motions that it will be trained on; nothing here."""
+
     def coefficients(self, parameters: Parameters) -> Mapping[str, Tensor]:
         """What the formulas read as p.<name>, each (particles,): made once for all steps. The parameters themselves."""
         return {name: parameters[name] for name in self.parameter_names}

@@ -84,6 +84,29 @@ class DimensionlessParameters(StandardisedParameters):
         return torch.log(strain_of_stress(name, parameters)) if PARAMETERS[name].is_stress else parameters[name]
 
 
+class ConditionedAmounts(nn.Module):
+    """Polynomials of physical parameters, (outputs, particles): linear in the weights, zero untrained.
+
+        amount_i = weight_i0 + sum_j (weight_ij t_j + weight'_ij t_j^2)
+
+    condition  gives the t_j from the parameters
+    """
+
+    def __init__(self, condition: StandardisedParameters, outputs: int) -> None:
+        super().__init__()
+        self.condition = condition
+        self.weight = nn.Parameter(torch.zeros(outputs, 1 + 2 * condition.count))
+
+    def features(self, parameters: Parameters) -> Float[Tensor, "features particles"]:
+        """What the weights are the coefficients of: 1, t_j, t_j^2."""
+        one = torch.ones_like(next(iter(parameters.values())))[None]
+        known = self.condition(parameters) if self.condition.count else one[:0]
+        return torch.cat((one, known, known.square()))
+
+    def forward(self, parameters: Parameters) -> Float[Tensor, "outputs particles"]:
+        return self.weight @ self.features(parameters).to(self.weight.dtype)
+
+
 def strain_of_stress(name: str, parameters: Parameters) -> Float[Tensor, " particles"]:
     """Shear strain |dev h| at which a stress such as the yield stress is reached, tau_Y/(2 mu) [-]; at least 1e-6."""
     _, mu = lame_constants(parameters)

@@ -39,15 +39,22 @@ def relative_position_loss(
     segments    the segment that each particle belongs to, (particles,)
     count       number of segments
     """
-    error, observed = _squared_error(predicted, target)
-    moved, _ = _squared_error(unstressed, target)
+    error, _ = _squared_error(predicted, target)
+    observations, scale = relative_scales(target, unstressed, segments, count)
+    return (_of_segments(error, segments, count) / observations / scale).mean()
 
-    def of_segments(values: Tensor) -> Tensor:
-        return values.new_zeros(count).index_add(0, segments, values.sum((0, 1)))
 
-    observations = of_segments(observed.to(error.dtype)).clamp_min(1.0)
-    scale = (of_segments(moved) / observations).detach() + NEGLIGIBLE
-    return (of_segments(error) / observations / scale).mean()
+def relative_scales(
+    target: Positions, unstressed: Positions, segments: SceneIndex, count: int
+) -> tuple[Float[Tensor, " segments"], Float[Tensor, " segments"]]:
+    """Number of observed coordinates of each segment, and what their mean squared error is divided by [m^2]."""
+    moved, observed = _squared_error(unstressed, target)
+    observations = _of_segments(observed.to(moved.dtype), segments, count).clamp_min(1.0)
+    return observations, (_of_segments(moved, segments, count) / observations).detach() + NEGLIGIBLE
+
+
+def _of_segments(values: Tensor, segments: SceneIndex, count: int) -> Float[Tensor, " segments"]:
+    return values.new_zeros(count).index_add(0, segments, values.sum((0, 1)))
 
 
 def unstressed_positions(state: ParticleState, scenes: Scenes, time_step: float, steps: Sequence[int]) -> Positions:

@@ -5,12 +5,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from pcnclaws.data.first_motion import name_contradictions
 from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.data.trajectory_files import read_trajectories
 from pcnclaws.data.units import check_record
 from pcnclaws.errors import UserError
+from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.materials import MATERIALS, Material
 from pcnclaws.laws.parameters import validate_parameters
 from pcnclaws.simulation.records import SceneRecord
@@ -19,6 +21,9 @@ from pcnclaws.training.module import ConstitutiveModule
 
 # Share of a user's own scenes that is kept for the checks, and the fewest scenes that can spare one.
 VALIDATION_SHARE, FEWEST_TO_SPLIT = 0.15, 3
+
+# Deformations that a law is shown before its training, of all scenes together.
+DEFORMATIONS = 200_000
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,17 @@ def can_restart(record: SceneRecord) -> bool:
         return False
     step = record.keyframes.step
     return bool(((step > 0) & (step < record.frame_steps()[-1])).any())
+
+
+def show_deformations(law: Elasticity, records: Sequence[SceneRecord]) -> None:
+    """Shows the law the deformations of the recorded full states, if there are any; some thousand particles of each."""
+    states = [record.keyframes.deformation for record in records if record.keyframes is not None]
+    if not states:
+        return
+    each = max(1, DEFORMATIONS // len(states))
+    flat = [one.reshape(-1, 3, 3) for one in states]
+    some = np.concatenate([one[:: max(1, len(one) // each)] for one in flat])
+    law.see(torch.from_numpy(some.astype(np.float64)).permute(1, 2, 0).contiguous())
 
 
 def _spans(records: Sequence[SceneRecord], names: Iterable[str]) -> dict[str, tuple[float, float]]:

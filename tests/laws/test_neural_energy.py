@@ -19,8 +19,7 @@ def law() -> EnergyNet:
     """With amounts as a training might leave them."""
     made = _untrained()
     with torch.no_grad():
-        made.amounts.biases[-1].copy_(0.2 * uniform(seeded(0), *made.amounts.biases[-1].shape))
-        made.amounts.weights[-1].copy_(0.02 * uniform(seeded(1), *made.amounts.weights[-1].shape))
+        made.amounts.weight.copy_(0.05 * uniform(seeded(0), *made.amounts.weight.shape))
     return made
 
 
@@ -61,7 +60,9 @@ def test_a_closed_strain_cycle_returns_its_work(law: EnergyNet, size: float) -> 
     with torch.no_grad():
         work = (law(f, parameters).diagonal(dim1=0, dim2=1).T * rate).sum(0)
         energy = law.energy_density(f, parameters)
-    tolerance = 1e-11 if size < law.limit / 2 else 1e-4  # where the functions end there is a kink in the tangent
+    tolerance = (
+        1e-11 if size < -float(law.limits[:, 0].max()) / 2 else 1e-4
+    )  # where the functions end there is a kink in the tangent
     assert abs(float(work.mean())) * 2.0 * torch.pi < tolerance * float(energy.abs().max())
 
 
@@ -70,6 +71,31 @@ def test_stress_is_the_derivative_of_the_energy(law: EnergyNet) -> None:
     (p,) = torch.autograd.grad(law.energy_density(f, _parameters()).sum(), f)
     tau = torch.einsum("ijn,kjn->ikn", p, f.detach())
     torch.testing.assert_close(law(f.detach(), _parameters()), tau, rtol=1e-9, atol=1e-4)
+
+
+def test_a_law_goes_on_along_its_tangent_beyond_the_strains_that_it_has_seen(law: EnergyNet) -> None:
+    law.see(torch.matrix_exp(0.1 * uniform(seeded(7), 4000, 3, 3)).permute(1, 2, 0))
+    (low, high), *_ = law.limits.tolist()
+    assert -0.3 < low < -0.1
+    assert 0.1 < high < 0.3
+    far = torch.linspace(0.4, 2.0, 9, dtype=torch.float64)
+
+    def tension(h: Tensor) -> Tensor:
+        strains = torch.stack((h, -0.5 * h, -0.5 * h))  # of constant volume
+        return law(torch.diag_embed(strains.T.exp()).permute(1, 2, 0), _parameters(len(h)))[0, 0]
+
+    stiffness = tension(far).diff()
+    torch.testing.assert_close(stiffness, stiffness[:1].expand(8), rtol=1e-9, atol=0.0)
+    assert stiffness[0] > 0.0
+
+
+def test_no_weights_make_a_body_much_stiffer_or_let_its_energy_fall_far(law: EnergyNet) -> None:
+    with torch.no_grad():
+        law.amounts.weight.mul_(1e6)
+    f = _deformations(0.5)
+    energy, hencky = law.energy_density(f, _parameters()), StVKHencky().energy_density(f, _parameters())
+    assert (energy < 40.0 * hencky).all()
+    assert (energy > -0.5 * hencky).all()
 
 
 def test_energy_and_stress_grow_without_bound_where_the_volume_vanishes(law: EnergyNet) -> None:
