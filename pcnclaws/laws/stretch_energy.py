@@ -24,6 +24,8 @@ from pcnclaws.tensor_types import Parameters
 SHAPES = 2
 # Strains over the scale between which the energy is learned, before a training says where it was.
 WIDEST = 3.0
+# How much rarer, as logarithms, an untrained law holds functions that stiffen under compression, and bumps.
+RARE_NEGATIVE, RARE_BUMPS = 2.0, 4.0
 
 
 class StretchEnergyNet(Elasticity):
@@ -42,7 +44,7 @@ class StretchEnergyNet(Elasticity):
     reach  least and largest h / scale that were trained on, (2,)
     """
 
-    exponents: ClassVar[tuple[int, ...]] = (0, 1, 2, 4, 8, -1, -2, -4, -8)
+    exponents: ClassVar[tuple[int, ...]] = (0, 1, 2, 4, -1, -2, -4)
     bumps: ClassVar[tuple[float, ...]] = tuple(0.25 * k for k in range(-8, 5))
     bump_width: ClassVar[float] = 0.25
     reach: Tensor
@@ -69,7 +71,7 @@ class StretchEnergyNet(Elasticity):
 
     def shares(self, learned: Float[Tensor, "functions specimens"]) -> Float[Tensor, "functions specimens"]:
         """The amounts, but for a factor, from the outputs of the network: their sum is 1."""
-        rare = [-float(abs(exponent)) for exponent in self.exponents] + [0.0] * len(self.bumps)
+        rare = [-RARE_NEGATIVE * max(-c, 0) - abs(c) for c in self.exponents] + [-RARE_BUMPS] * len(self.bumps)
         return torch.softmax(learned + learned.new_tensor(rare)[:, None], 0)
 
     def at_rest(self, shares: Float[Tensor, "functions specimens"]) -> Float[Tensor, " specimens"]:

@@ -20,8 +20,11 @@ from pcnclaws.training.principal_paths import PrincipalPaths, Response, with_fre
 # Damping of the search, and what it is multiplied with after a step that helped, and after one that did not.
 FIRST, LEAST, MOST, BETTER, WORSE = 1e-2, 1e-9, 1e9, 0.2, 4.0
 LONGEST_STEP, SMALLEST_GAIN = 2.0, 1e-6
-# How strongly unknowns are held where they start: logarithms of scales, shapes, weights.
-HELD_SCALE, HELD_SHAPE, HELD_WEIGHTS = 1e-3, 1e-3, 1e-5
+# How strongly unknowns are held at 0: logarithms of scales, shapes, weights, and the last biases, which are what all
+# specimens have in common (for each of them).
+HELD_SCALE, HELD_SHAPE, HELD_WEIGHTS, HELD_IN_COMMON = 1e-2, 1e-2, 3e-4, 1e-5
+# The reach of a law over that of its points, and the shortest one.
+MARGIN, CLOSEST = 1.25, 0.1
 # Spread of the shapes that a search starts from.
 START_SPREAD = 0.3
 
@@ -46,15 +49,17 @@ class StressFit:
 
     predicted  what the law gives in the place of PrincipalPaths.measured
     history    the loss of each iteration: sum of weighted squared relative errors
-    reach      least and largest strain over the scale that was trained on
+    reach      strains over the scale between which each specimen was trained, (2, specimens)
     weights    of the network of amounts
+    unknowns   all of them, as StressProblem has them
     """
 
     specimens: Sequence[Specimen]
     predicted: Float[Tensor, " numbers"]
     history: Sequence[float]
-    reach: tuple[float, float]
+    reach: Float[Tensor, "2 specimens"]
     weights: Mapping[str, Tensor]
+    unknowns: Float[Tensor, " unknowns"]
 
     @torch.no_grad()
     def put_into(self, law: StretchEnergyNet, specimen: int) -> None:
@@ -62,7 +67,7 @@ class StressFit:
         law.amounts.load_state_dict(dict(self.weights))
         law.shape.copy_(torch.tensor(self.specimens[specimen].shape)[:, None])
         law.scale.fill_(self.specimens[specimen].scale)
-        law.reach.copy_(torch.tensor(self.reach))
+        law.reach.copy_(self.reach[:, specimen])
 
 
 class StressProblem:
@@ -70,22 +75,30 @@ class StressProblem:
 
     The unknowns, in one vector: of each specimen the logarithms of its stiffness [Pa] and scale and its shape, then the
     weights of the network.
+
+    reach  strains over the scale beyond which the stiffness stays what it is there
     """
 
     def __init__(self, law: StretchEnergyNet, paths: PrincipalPaths, names: Sequence[str], poissons_ratio: float):
         self.law, self.paths, self.names, self.poissons_ratio = law, paths, names, poissons_ratio
+        self.reach = torch.tensor([-WIDEST, WIDEST]).double()[:, None].repeat(1, len(names))
         self._weights = {name: one.detach().double() for name, one in law.amounts.named_parameters()}
         self.trained = paths.weight > 0.0
 
     def start(self, seed: int) -> Float[Tensor, " unknowns"]:
         """Where a search starts: the stiffness from a linear fit, shapes drawn about 0."""
         count = len(self.names)
-        drawn = START_SPREAD * torch.randn(SHAPES, count, generator=torch.Generator().manual_seed(seed)).double()
+        generator = torch.Generator().manual_seed(seed)
+        drawn = START_SPREAD * torch.randn(SHAPES, count, generator=generator).double()
+        weights = [one.ravel() for one in self._weights.values()]
         if count == 1:
             drawn = torch.zeros_like(drawn)
+        else:  # a last layer of zeros would tell no shapes apart
+            last = list(self._weights).index(f"weights.{self.law.amounts.layers - 1}")
+            weights[last] = START_SPREAD * torch.randn(len(weights[last]), generator=generator).double()
         scale = torch.stack([self._largest_strain(k) for k in range(count)]).log()
         stiffness = torch.zeros(count).double()
-        start = torch.cat((stiffness, scale, drawn.ravel(), *(one.ravel() for one in self._weights.values())))
+        start = torch.cat((stiffness, scale, drawn.ravel(), *weights))
         predicted = self.predicted(start).detach()
         for k in range(count):
             own = self.trained & (self.paths.specimen[self.paths.point] == k)
@@ -144,17 +157,18 @@ class StressProblem:
     def _functions(self, numbers: Tensor, strain: Tensor) -> tuple[Tensor, Tensor]:
         """Slopes and curvatures of the functions of the law, each (functions, 3, points)."""
         x = strain / numbers[0, self.paths.specimen]
-        ends = SimpleNamespace(low=torch.full_like(x, -WIDEST), high=torch.full_like(x, WIDEST))
+        low, high = self.reach[:, self.paths.specimen].expand(3, 2, -1).unbind(1)
+        ends = SimpleNamespace(low=low, high=high)
         slopes, curvatures = (torch.stack(self.law.each(x, ends, what)) for what in ("slope", "curvature"))
         return slopes, curvatures
 
     def held(self, start: Float[Tensor, " unknowns"]) -> tuple[Tensor, Tensor]:
         """Where the unknowns are held, and how strongly: scales at 1, shapes and weights at 0."""
-        count = len(self.names)
-        sizes = (count, count, SHAPES * count, len(start) - (2 + SHAPES) * count)
-        strength = torch.cat(
-            [torch.full((n,), s) for n, s in zip(sizes, (0.0, HELD_SCALE, HELD_SHAPE, HELD_WEIGHTS), strict=True)]
-        )
+        count, common = len(self.names), self.law.amounts.outputs
+        weights = len(start) - (2 + SHAPES) * count - common
+        sizes = (count, count, SHAPES * count, weights, common)
+        strengths = (0.0, HELD_SCALE, HELD_SHAPE, HELD_WEIGHTS, count * HELD_IN_COMMON)
+        strength = torch.cat([torch.full((n,), held) for n, held in zip(sizes, strengths, strict=True)])
         return torch.zeros_like(start), strength.double()
 
     def found(self, unknowns: Float[Tensor, " unknowns"]) -> tuple[list[Specimen], dict[str, Tensor]]:
@@ -168,15 +182,22 @@ class StressProblem:
         ]
         return specimens, weights
 
-    def reach(self, unknowns: Float[Tensor, " unknowns"]) -> tuple[float, float]:
-        """Least and largest strain over the scale at the points that were trained on, 0 among them."""
+    def trained_reach(self, unknowns: Float[Tensor, " unknowns"]) -> Float[Tensor, "2 specimens"]:
+        """Least and largest strain over the scale of the points of each specimen, and a margin."""
         numbers = self.numbers(unknowns)
-        over = (self.at(numbers).strain / numbers[0, self.paths.specimen])[:, self.paths.point[self.trained]]
-        return min(float(over.min()), 0.0), max(float(over.max()), 0.0)
+        over = self.at(numbers).strain / numbers[0, self.paths.specimen]
+        reach = torch.zeros(2, len(self.names)).double()
+        for k in range(len(self.names)):
+            own = over[:, self._points(k)]
+            reach[:, k] = MARGIN * torch.stack((own.min().clamp_max(-CLOSEST), own.max().clamp_min(CLOSEST)))
+        return reach.clamp(-WIDEST, WIDEST)
+
+    def _points(self, specimen: int) -> Tensor:
+        """The points of a specimen that are trained on."""
+        return self.paths.point[self.trained & (self.paths.specimen[self.paths.point] == specimen)]
 
     def _largest_strain(self, specimen: int) -> Tensor:
-        own = self.paths.point[self.trained & (self.paths.specimen[self.paths.point] == specimen)]
-        return self.paths.strain[:, own].abs().max()
+        return self.paths.strain[:, self._points(specimen)].abs().max()
 
     def _split(self, unknowns: Tensor) -> tuple[Tensor, Tensor, Tensor, dict[str, Tensor]]:
         count = len(self.names)
@@ -217,8 +238,8 @@ def fit_stress(problem: StressProblem, start: Float[Tensor, " unknowns"], iterat
         if gain < SMALLEST_GAIN * best:
             break
     specimens, weights = problem.found(unknowns)
-    reach = problem.reach(unknowns) if bool(problem.trained.any()) else (-WIDEST, WIDEST)
-    return StressFit(specimens, predicted, history, reach, weights)
+    problem.reach = problem.trained_reach(unknowns)
+    return StressFit(specimens, problem.predicted(unknowns), history, problem.reach, weights, unknowns)
 
 
 def _shortened(
