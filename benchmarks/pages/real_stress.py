@@ -15,6 +15,7 @@ from pcnclaws.rendering.stress_curves import draw_stress_curves
 # What is asked of a path that was trained on, and of one that was left out.
 MOST_TRAINED, MOST_LEFT_OUT = 0.05, 0.10
 FOAMS = ("leap", "turbo")
+SCENES_FILE = "real_stress_scenes.json"
 Row = Mapping[str, Any]
 INTRODUCTION = """# Measured stress
 
@@ -56,10 +57,22 @@ over the stretches can say. Katashima's biaxial path has two unequal stresses at
 can have. The compression of Kawamura and a path of James contradict the other paths of their studies in the eyes of
 this law.
 """
+SCENES = """
+## Simulated
+
+`python -m benchmarks.real_stress_scenes` with the run folders of the two commands above
+([json](results/real_stress_scenes.json)). A ball of the foam leap thrown on the floor at 6 m/s (its density is not
+known; 200 kg/m^3 is taken): det F falls to {least:.2f}, {speed:.2f} of the speed come back, kinetic energy and that of
+gravity never exceed those of the start. A sheet of the rubber of Meunier 2008 with nu = {ratio:g}, drawn out at both
+ends at 1 m/s: its middle has the stretch {stretch:.2f} after {seconds:g} s, its sides {first:.2f} and {second:.2f}.
+
+![Ball](images/real_stress_ball.png)
+
+![Sheet](images/real_stress_sheet.png)"""
 
 
-def page(found: Mapping[str, Any]) -> str:
-    """The page in Markdown."""
+def page(found: Mapping[str, Any], scenes: Mapping[str, Any]) -> str:
+    """The page in Markdown, from the results of the fits and of the simulations."""
     parts = [INTRODUCTION, FOAM, _foams(found), "\n![Foams](images/real_stress_foams.png)\n", SHEAR, _shear(found)]
     if "rubbers" in found:
         left_out = {
@@ -75,7 +88,18 @@ def page(found: Mapping[str, Any]) -> str:
             "\n![Rubbers](images/real_stress_rubbers.png)\n",
             _specimens(found["rubbers"]["specimens"]),
         ]
-    return "\n".join(parts) + "\n"
+    ball, sheet = scenes["ball"], scenes["sheet"]
+    first, second = sheet["sides_in_the_middle"]
+    simulated = SCENES.format(
+        least=ball["least_det_f"],
+        speed=ball["speed_after_over_before"],
+        ratio=sheet["poissons_ratio"],
+        stretch=sheet["stretch_in_the_middle"],
+        seconds=sheet["seconds"],
+        first=first,
+        second=second,
+    )
+    return "\n".join([*parts, simulated]) + "\n"
 
 
 def _foams(found: Mapping[str, Any]) -> str:
@@ -145,6 +169,7 @@ def write_page(source: Path, output: Path) -> list[Path]:
     if not source.is_file():
         raise UserError(f"{source}: no such file; python -m benchmarks.real_stress makes it")
     found = json.loads(source.read_text(encoding="utf-8"))
+    scenes = json.loads(source.with_name(SCENES_FILE).read_text(encoding="utf-8"))
     images = output.parent / "images"
     images.mkdir(exist_ok=True)
     foams = [{**row, "specimen": foam} for foam in FOAMS for row in found[f"foam {foam}"]["paths"]]
@@ -152,7 +177,7 @@ def write_page(source: Path, output: Path) -> list[Path]:
     if "rubbers" in found:
         written.append(draw_stress_curves(found["rubbers"]["paths"], images / "real_stress_rubbers.png"))
     with replaced_file(output) as part:
-        part.write(page(found).encode())
+        part.write(page(found, scenes).encode())
     return written
 
 
