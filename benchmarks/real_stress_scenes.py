@@ -1,6 +1,6 @@
 """Simulations with laws of measured stress: python -m benchmarks.real_stress_scenes FOAM SHEET RESULT.json IMAGES.
 
-A ball of foam is thrown on the floor; a sheet of rubber is drawn out to twice its length by its ends. FOAM and
+A ball of foam is thrown on the floor; a sheet of rubber is drawn out by its ends. FOAM and
 SHEET are run folders of `train data.stress=`; numbers go to the result, pictures to the folder of images.
 """
 
