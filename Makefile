@@ -33,6 +33,7 @@ tables: $(INSTALLED) ## write the pages of results from the JSON files in docs/r
 	$(RUN) benchmarks.pages docs/results/accuracy docs/results.md docs/results/baselines docs/comparison.md
 	$(RUN) benchmarks.pages.estimates docs/results/estimation docs/estimation_results.md
 	$(RUN) benchmarks.pages.stress docs/results/stress.json docs/stress.md
+	$(RUN) benchmarks.pages.real_stress docs/results/real_stress.json docs/real_stress.md
 	$(RUN) benchmarks.pages.verification docs/results/verification.json docs/verification.md
 
 lint: $(INSTALLED) ## check style, types and the direction of imports

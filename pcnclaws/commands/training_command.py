@@ -23,6 +23,7 @@ from pcnclaws.commands.models import build_model
 from pcnclaws.commands.options import is_free, leaves
 from pcnclaws.commands.outputs import check_ending
 from pcnclaws.commands.runs import METRICS, WEIGHTS, is_finished, run_errors, start_run
+from pcnclaws.commands.stress_training import train_on_stress
 from pcnclaws.commands.training_report import Report, against_untrained, write_report
 from pcnclaws.commands.training_setup import Setup, check_training, loop_from, regime_from, setup
 from pcnclaws.commands.training_start import settled_start
@@ -49,6 +50,8 @@ def train(config: TrainConfig) -> Mapping[str, float | None]:
     """
     folder = Path(config.output)
     with written_alone(folder, f"output={folder}"):
+        if config.data.stress is not None:
+            return train_on_stress(config)
         _train(config)
         return {f"{name} [m^2]": error for name, error in run_errors(folder).items()}
 

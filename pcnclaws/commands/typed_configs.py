@@ -105,6 +105,7 @@ class Data:
 
     folder: str
     trajectories: Unchecked
+    stress: Unchecked
     train_scenes: int
     validation_scenes: int
     every: int
@@ -148,6 +149,19 @@ class Training:
     seconds: Unchecked
     noise: Number | None = None
     method: str = "adam"
+
+
+@dataclass(frozen=True)
+class MeasuredStress:
+    """`stress.*`: what the files of data.stress do not say, and how a law is fitted to them."""
+
+    poissons_ratio: Unchecked
+    specimens: Unchecked
+    units: Unchecked
+    reference: Unchecked
+    weights: Unchecked
+    leave_out: Unchecked
+    iterations: int
 
 
 @dataclass(frozen=True)
@@ -254,6 +268,7 @@ class TrainConfig(GenerateConfig):
     model: Mapping[str, Any]
     regime: Regime
     training: Training
+    stress: MeasuredStress
     trainer: Mapping[str, Unchecked]
     callbacks: Callbacks
     logger: Logger

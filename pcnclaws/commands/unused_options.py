@@ -60,6 +60,18 @@ OF_GENERATED_DATA = (
     "data.spin",
 )
 
+# What a training on measured stress does not read.
+OF_MOTION = (
+    "data.trajectories",
+    "regime",
+    "training",
+    "training.*",
+    "device",
+    "precision",
+    *OF_FITTING,
+    *OF_GENERATED_DATA,
+)
+
 
 class Rule(NamedTuple):
     """Options without effect under a condition.
@@ -172,6 +184,8 @@ RULES: Mapping[str, Sequence[Rule]] = {
     "simulate": (*_BODY, *_GOING_ON),
     "generate": (*_BODY, _SCENE_OF_FILE),
     "train": (
+        Rule(OF_MOTION, "beside data.stress, which has no motion", _given("data.stress")),
+        Rule(("stress.*",), "without data.stress", _is("data.stress", None)),
         Rule(OF_GENERATED_DATA, "beside data.trajectories", _given("data.trajectories")),
         *_BODY,
         _SCENE_OF_FILE,

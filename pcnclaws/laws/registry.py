@@ -49,6 +49,12 @@ NETWORKS: dict[str, Network] = {
         Network("pcnclaws", "pcnclaws.laws.neural_default:ElasticNet", "pcnclaws.laws.neural_default:PlasticNet"),
         Network("pcnclaws_energy", "pcnclaws.laws.neural_energy:EnergyNet", "pcnclaws.laws.neural_default:PlasticNet"),
         Network(
+            "pcnclaws_stretches",
+            "pcnclaws.laws.stretch_energy:StretchEnergyNet",
+            "pcnclaws.laws.neural_default:PlasticNet",
+            width=12,
+        ),
+        Network(
             "pcnclaws_free_flow",
             "pcnclaws.laws.neural_default:ElasticNet",
             "pcnclaws.laws.neural_free_flow:FreeFlowPlasticNet",

@@ -48,6 +48,10 @@ def test_every_benchmark_problem_composes_under_its_name(problem):
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_every_experiment_composes(experiment):
+    if experiment.startswith("measured_"):
+        config = compose_config("train", [f"experiment={experiment}", "data.stress=x.csv"])
+        assert (config.name, config.model["name"]) == (experiment, "pcnclaws_stretches")
+        return
     config = compose_config("train", [f"experiment={experiment}", "debug=fast"])
     baseline, _, material = experiment.partition("_")
     if baseline in BASELINES:
