@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from pcnclaws.commands.export_format import chosen_format, with_ending
+from pcnclaws.commands.law_header import write_header
 from pcnclaws.commands.law_package import write_package
 from pcnclaws.commands.law_source import law_source
 from pcnclaws.commands.outputs import output_file
@@ -10,8 +11,8 @@ from pcnclaws.commands.typed_configs import ExportConfig
 from pcnclaws.errors import UserError
 
 # What the words of `format=` stand for: endings, the first one where output= has none.
-ENDINGS = {"zip": (".zip",)}
-WRITERS = {"zip": write_package}
+ENDINGS = {"zip": (".zip",), "cpp": (".hpp", ".h")}
+WRITERS = {"zip": write_package, "cpp": write_header}
 
 
 def export_law(config: ExportConfig) -> None:
