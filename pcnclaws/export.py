@@ -5,7 +5,7 @@ from pcnclaws.commands.typed_configs import ExportConfig
 
 
 def export(config: ExportConfig) -> None:
-    """Writes a motion for ParaView (vtu), Blender and Houdini (ply, usd) or programs (npz, csv), or a law (zip, cpp)."""
+    """Writes a motion for ParaView (vtu), Blender and Houdini (ply, usd) or programs (npz, csv), or a law alone."""
     from pcnclaws.commands import export_command as work  # loads PyTorch
 
     work.export(config)
