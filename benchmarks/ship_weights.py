@@ -7,19 +7,16 @@ pretrained/<material>/card.md              data, seed, command, errors, ranges a
 
 import json
 import sys
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 from pcnclaws.atomic import replaced_file
+from pcnclaws.commands.law_card import CARD, card
 from pcnclaws.commands.runs import METRICS, PRETRAINED, WEIGHTS, load_run
 from pcnclaws.errors import UserError
-from pcnclaws.laws.parameters import PARAMETERS
 from pcnclaws.training.weights import read_weights, write_weights
 
-CARD = "card.md"
 KEPT = ("material", "model", "regime")
 LARGEST_BYTES = 200_000
 
@@ -45,38 +42,6 @@ def ship(run: Path, into: Path = PRETRAINED) -> Path:
     with replaced_file(folder / CARD) as part:
         part.write(card(loaded.material.name, loaded.config, metrics).encode())
     return folder
-
-
-def card(material: str, config: Mapping[str, Any], metrics: Mapping[str, Any]) -> str:
-    """What the weights are, in Markdown, from the configuration and the results of their run."""
-    training, origin, data = metrics["training"], metrics["provenance"], config["data"]
-    lines = [
-        f"# Neural law of {material}",
-        "",
-        f"- Command: `{origin['command']}`",
-        f"- Data: {training['training_scenes']} training scenes of `python -m pcnclaws.generate material={material}` "
-        f"(data.seed {data['seed']}), segments from "
-        f"{'the initial state, positions only' if training['positions_only'] else 'recorded full states'}",
-        f"- Seed {origin['seed']}, {training['iterations']} iterations, the weights of iteration "
-        f"{training['best_iteration']}, best on {data['validation_scenes']} validation scenes "
-        f"({training['validation_mse']:.1e} m²)",
-        f"- Time: {metrics['seconds'] / 60.0:.1f} min, {origin['processor']}, {origin['threads']} thread(s), "
-        f"{origin['precision']}, torch {origin['torch']}, commit {origin['commit'][:12]}",
-        "- Parameters: "
-        + ", ".join(
-            f"{name} {low:g} to {high:g}" + ("" if PARAMETERS[name].unit == "-" else f" {PARAMETERS[name].unit}")
-            for name, (low, high) in training["ranges"].items()
-        ),
-        "",
-        "Errors on objects that it was not trained on, over 500 steps (mean squared distance a coordinate):",
-        "",
-        "| object | MSE [m²] | RMS [% of size] | relative stress error |",
-        "|---|---|---|---|",
-    ]
-    for scene in metrics["scenes"]:
-        stress = "-" if scene["stress_error"] is None else f"{scene['stress_error']:.1e}"
-        lines.append(f"| {scene['name']} | {scene['mse']:.1e} | {scene['rms_percent']:.2g} | {stress} |")
-    return "\n".join(lines) + "\n"
 
 
 def main() -> None:

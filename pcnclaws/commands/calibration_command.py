@@ -7,7 +7,7 @@ from pcnclaws.commands.runs import law_folder, laws_for
 from pcnclaws.commands.typed_configs import CalibrateConfig
 from pcnclaws.data.sampling import DataSetPlan, draw_motions, draw_parameters
 from pcnclaws.errors import UserError
-from pcnclaws.estimation.law_error import CALIBRATION, calibrated_error, known_law_error
+from pcnclaws.estimation.law_error import CALIBRATION, calibrated_error, is_calibrated, known_law_error
 from pcnclaws.estimation.uncertainty import QUANTILE_95
 from pcnclaws.evaluation.report import write_metrics
 from pcnclaws.geometry.shapes import spin_velocity
@@ -35,8 +35,10 @@ def calibrate(config: CalibrateConfig) -> None:
     if folder is None:
         raise UserError("law=analytic has no error to calibrate; accepted: pretrained, or the path of a run folder")
     laws = laws_for(law, material)
+    if config.output is None and folder.is_file():
+        raise UserError(f"output=null: the packaged law {folder} stays as it is; accepted: output= a .json file")
     output = folder / CALIBRATION if config.output is None else output_file(config.output, {}, *RESULT)
-    before = known_law_error(folder) if (folder / CALIBRATION).is_file() else None
+    before = known_law_error(folder) if is_calibrated(folder) else None
     starts = calibration_objects(
         material, whole_number(config.objects, "objects"), whole_number(config.seed, "seed", least=0)
     )

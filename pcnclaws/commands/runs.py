@@ -3,7 +3,8 @@
 import json
 import logging
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from pcnclaws.atomic import PARTIAL_SUFFIX, replaced_file
 from pcnclaws.commands.models import build_model
 from pcnclaws.commands.options import is_free
 from pcnclaws.commands.plain_yaml import read_plain_yaml
+from pcnclaws.data.law_packages import law_files, written_by
 from pcnclaws.data.locks import LOCK
 from pcnclaws.errors import UserError
 from pcnclaws.laws.analytic import Laws, analytic_laws
@@ -51,31 +53,50 @@ class LoadedRun(NamedTuple):
 
 
 def load_run(folder: str | Path, option: str = "law") -> LoadedRun:
-    """The model of a run folder, ready to simulate; UserError if a file is missing, damaged or unfit."""
-    folder = Path(folder)
-    if not folder.is_dir():
-        close = get_close_matches(str(folder), ("analytic", "pretrained"), n=1)
+    """The model of a run folder or of a packaged law, ready to simulate.
+
+    raises  UserError if a file is missing, damaged or unfit
+    """
+    path = Path(folder)
+    if not path.exists():
+        close = get_close_matches(str(path), ("analytic", "pretrained"), n=1)
         hint = f"; did you mean '{close[0]}'?" if close else ""
         raise UserError(
-            f"{option}={folder} is not a folder; accepted: analytic, pretrained, or the path of a run folder{hint}"
+            f"{option}={path} is not a folder; accepted: analytic, pretrained, or the path of a run folder or of a "
+            f"packaged law{hint}"
         )
+    with law_files(path) as files:
+        try:
+            return _load(files, option)
+        except UserError as fault:
+            raise UserError(f"{fault}{written_by(files)}") from fault
+
+
+def _load(folder: Path, option: str) -> LoadedRun:
+    """The model of a folder with the files of a run."""
     config = read_config(folder)
     if not isinstance(config.get("material"), dict) or not isinstance(config.get("model"), dict):
         raise UserError(f"{option}={folder}: {CONFIG} names no material or no model")
-    material = _material_of(config, f"{option}={folder}")
+    with _naming_plugins(config):
+        material = material_named(str(config["material"].get("name")), f"{option}={folder}: material")
+        model = _model_of(material, config, f"{option}={folder / CONFIG}")
     weights, notes = read_weights(folder / WEIGHTS)
-    try:
-        model = build_model(material, config["model"])
-    except UserError as fault:
-        raise UserError(f"{option}={folder / CONFIG}: {fault}") from fault
     set_model_weights(model, weights, f"{option}={folder}")
     return LoadedRun(material, model.requires_grad_(False), config, _ranges(notes, material))
 
 
-def _material_of(config: Mapping[str, Any], where: str) -> Material:
-    """The material of a run. What a plugin registers is known only where the user names the plugin."""
+def _model_of(material: Material, config: Mapping[str, Any], where: str) -> SceneSimulator:
     try:
-        return material_named(str(config["material"].get("name")), f"{where}: material")
+        return build_model(material, config["model"])
+    except UserError as fault:
+        raise UserError(f"{where}: {fault}") from fault
+
+
+@contextmanager
+def _naming_plugins(config: Mapping[str, Any]) -> Iterator[None]:
+    """What a plugin registers is known only where the user names the plugin: a run that needs one says which."""
+    try:
+        yield
     except UserError as fault:
         plugins = config.get("plugins")
         if not isinstance(plugins, list) or not plugins:

@@ -336,7 +336,8 @@ class ExportConfig(Command):
     scene: Unchecked
     format: Unchecked
     frame: Unchecked
-    law: str
+    law: Unchecked
+    material: Mapping[str, str] | None = None
 
 
 @dataclass(frozen=True)

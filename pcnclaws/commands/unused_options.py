@@ -225,6 +225,10 @@ RULES: Mapping[str, Sequence[Rule]] = {
         Rule(("estimator.learning_rate",), "with estimator=gauss_newton", _is("estimator.name", "gauss_newton")),
         Rule(("seed",), "with screening=0, which draws nothing", _is("screening", 0), False),
     ),
+    "export": (
+        Rule(("scene", "frame"), "without trajectory, of which it is a part", _is("trajectory", None)),
+        Rule(("material",), "beside trajectory, whose file names it", _given("trajectory")),
+    ),
     "observe": (Rule(("seed",), "where every particle is seen, without noise or gaps", _nothing_drawn, False),),
     "benchmark": (
         Rule(("problem.*", "seed", "device", "threads"), "beside redraw", _given("redraw")),

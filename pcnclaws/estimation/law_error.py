@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pcnclaws.data.law_packages import law_files
 from pcnclaws.data.observation_files import from_record
 from pcnclaws.errors import UserError
 from pcnclaws.estimation.levenberg_marquardt import LevenbergMarquardt
@@ -27,19 +28,16 @@ MOST_ITERATIONS = 6
 
 
 def known_law_error(folder: Path | None) -> float:
-    """The calibrated error of the law in a folder [m]; the rounding of the analytic law for None.
+    """The calibrated error of the law in a folder or a package [m]; the rounding of the analytic law for None.
 
     Where no calibration was made, one line says so, and the error is that of the law's own validation.
     """
     if folder is None:
         return ROUNDING
-    path = folder / CALIBRATION
-    if path.is_file():
-        try:
-            return max(float(json.loads(path.read_text(encoding="utf-8"))["law_error"]), ROUNDING)
-        except (ValueError, LookupError, TypeError, OSError, OverflowError, RecursionError) as fault:
-            raise UserError(f"{path}: cannot be read; accepted: the output of python -m pcnclaws.calibrate") from fault
-    error = _validation_error(folder)
+    with law_files(folder) as files:
+        if (files / CALIBRATION).is_file():
+            return max(_calibration(files / CALIBRATION), ROUNDING)
+        error = _validation_error(files)
     log.warning(
         "law=%s is not calibrated for estimation: its intervals follow from its validation error (%.1e m); "
         "python -m pcnclaws.calibrate law=%s calibrates it",
@@ -48,6 +46,19 @@ def known_law_error(folder: Path | None) -> float:
         folder,
     )
     return max(error, ROUNDING)
+
+
+def is_calibrated(folder: Path) -> bool:
+    """Whether the error of the law in a folder or a package is known."""
+    with law_files(folder) as files:
+        return (files / CALIBRATION).is_file()
+
+
+def _calibration(path: Path) -> float:
+    try:
+        return float(json.loads(path.read_text(encoding="utf-8"))["law_error"])
+    except (ValueError, LookupError, TypeError, OSError, OverflowError, RecursionError) as fault:
+        raise UserError(f"{path}: cannot be read; accepted: the output of python -m pcnclaws.calibrate") from fault
 
 
 def calibrated_error(

@@ -5,7 +5,9 @@ diagonal and a divided difference of y off it (Daleckii and Krein 1965). The axe
 what is returned has exact first derivatives in both modes, and no second ones.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import NamedTuple
 
 import torch
@@ -24,6 +26,8 @@ Response = Callable[[Principal], Float[Tensor, "values particles"]]
 MEETING = 4e-9
 # Squared stretches of which axes that are found from F F^T keep the digits, with so many sweeps over the rows of Q^T F.
 LEAST, MOST, SWEEPS = 1e-4, 1e4, 3
+# Whether what is computed may not depend on a look at the numbers.
+_BLIND = ContextVar("blind", default=False)
 # Changes of strain beyond which F + (e^y - 1) F would cancel.
 LARGE = 1.0
 
@@ -61,6 +65,19 @@ def elastic_deformation(
     turned = torch.diag_embed(stretch.T - small[:, :, 0]) @ g + (off * axes.change) @ axes.g
     result = small * axes.f + axes.q @ turned
     return result.movedim(0, -1).to(deformation.dtype), internal
+
+
+@contextmanager
+def without_a_look() -> Iterator[None]:
+    """Laws in the block do the same operations whatever the numbers are, as programs need that are traced.
+
+    Stretches outside of 0.01 to 100 lose digits then.
+    """
+    before = _BLIND.set(True)
+    try:
+        yield
+    finally:
+        _BLIND.reset(before)
 
 
 def strains(deformation: Matrices) -> Principal:
@@ -110,9 +127,9 @@ def _found_axes(f: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     g, upright = q.mT @ f, torch.linalg.det(f) > 0.0
     for _ in range(SWEEPS):
         turning = orthogonalise(q, g)
-        if not f.is_cuda and not bool(turning.any()):
+        if _may_look(f) and not bool(turning.any()):
             break
-    if f.is_cuda:  # where nothing waits for a look at the numbers
+    if not _may_look(f):
         return q, g, upright
     square = g.square().sum(2)
     far = (finite & ~((square > LEAST) & (square < MOST)).all(1)).nonzero()[:, 0]
@@ -121,13 +138,18 @@ def _found_axes(f: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return q, g, upright
 
 
+def _may_look(values: Tensor) -> bool:
+    """Whether what is computed may depend on a look at the numbers: not on a GPU, where it would wait for them."""
+    return not values.is_cuda and not _BLIND.get()
+
+
 def _divided_differences(square: Tensor, y: Principal, response: Response, strain: Principal) -> Tensor:
     """(y_i - y_j)/(b_i - b_j), and its limit where two meet, (particles, 3, 3); nothing of use on the diagonal."""
     first, second, y = square[:, :, None], square[:, None, :], y.T
     meets = (first - second).abs() <= MEETING * (first + second)
     differences = (y[:, :, None] - y[:, None, :]) / torch.where(meets, 1.0, first - second)
     off_diagonal = ~torch.eye(3, dtype=torch.bool, device=square.device)
-    if not square.is_cuda and not bool((meets & off_diagonal).any()):
+    if _may_look(square) and not bool((meets & off_diagonal).any()):
         return differences * off_diagonal
     slope = _slopes(response, strain)  # [:, i, j] = d y_i / d h_j
     own = slope.diagonal(dim1=1, dim2=2)

@@ -189,7 +189,7 @@ def test_what_a_file_does_not_hold_is_named(in_process, tmp_path: Path, caplog) 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("output=x.npz",), "trajectory=null is not accepted; accepted: the path of a trajectory file"),
+        (("output=x.npz",), "trajectory=null and law=null name nothing to export"),
         (("trajectory=x.h5",), "name no format; accepted: format=ply, vtu, usd, npz, csv"),
         (("trajectory=x.h5", "format=vtk"), "did you mean 'vtu'?"),
         (("trajectory=x.h5", "format=ply", "output=x.npz"), "output=x.npz is not of format=ply"),
