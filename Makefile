@@ -34,6 +34,7 @@ tables: $(INSTALLED) ## write the pages of results from the JSON files in docs/r
 	$(RUN) benchmarks.pages.estimates docs/results/estimation docs/estimation_results.md
 	$(RUN) benchmarks.pages.stress docs/results/stress.json docs/stress.md
 	$(RUN) benchmarks.pages.verification docs/results/verification.json docs/verification.md
+	$(RUN) benchmarks.pages.real_beam docs/results/real_beam/real_beam.json docs/real_beam.md
 
 lint: $(INSTALLED) ## check style, types and the direction of imports
 	$(VENV)/bin/ruff check
