@@ -183,6 +183,9 @@ class Observed:
 
     file: Unchecked
     scene: Unchecked
+    units: Unchecked
+    frame: Unchecked
+    start: Unchecked
     window: Unchecked
     noise: Unchecked
 

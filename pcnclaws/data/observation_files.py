@@ -1,6 +1,7 @@
 """Observations from files: a trajectory file of ours, or a table of markers.
 
 time, marker, x, y, z        a CSV file with this header, in seconds and metres; an empty coordinate was not seen
+time_s, <marker>_x, ...      the same with a line for each frame
 """
 
 import csv
@@ -17,13 +18,14 @@ from jaxtyping import Float
 from pcnclaws.atomic import replaced_file
 from pcnclaws.data.first_motion import name_contradictions
 from pcnclaws.data.hdf5 import read_scenes, scene_names
-from pcnclaws.data.marker_tables import COLUMNS, read_table
+from pcnclaws.data.marker_tables import COLUMNS
 from pcnclaws.data.markers import followed_particles
+from pcnclaws.data.motion_capture import Capture, captured
 from pcnclaws.data.observation import Observation
-from pcnclaws.data.units import check_motion, check_record
+from pcnclaws.data.units import check_jumps, check_motion, check_record
 from pcnclaws.errors import UserError
 from pcnclaws.geometry.shapes import PointCloud
-from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.mpm.settings import UNIT_BOX, SimulationSettings
 from pcnclaws.simulation.placement import length_hint, require_inside
 from pcnclaws.simulation.records import SceneRecord
 
@@ -100,15 +102,21 @@ def from_record(
 
 
 def from_table(
-    path: str | Path, material: str, settings: SimulationSettings, body: PointCloud, velocity_known: bool
+    path: str | Path,
+    material: str,
+    settings: SimulationSettings,
+    body: PointCloud,
+    velocity_known: bool,
+    capture: Capture | None = None,
 ) -> Observation:
     """The markers of a CSV file on a body of known shape, placed where they are in the first frame.
 
     body            the particles at time 0, the start of the simulation
     velocity_known  whether the body's velocities are those of the start
+    capture         units, frame and clock of the file; None: metres, the simulation's frame, time 0 is the start
     """
-    time, names, target = read_table(Path(path))
-    _require_metres(target, str(path))
+    time, names, target, registration = captured(Path(path), body.position, settings.grid_spacing, capture)
+    _require_metres(target, str(path), settings)
     first = target[0]
     placed = np.isfinite(first).all(1)
     if abs(time[0]) > AT_START or not placed.any():
@@ -127,6 +135,7 @@ def from_table(
     require_inside(body.position, settings, "scene")
     particle, weight = followed_particles(first[placed], names, body.position, settings.grid_spacing)
     _name_empty(str(path), target[:, placed])
+    check_jumps(str(path), time, target[:, placed], names, body.position)
     check_motion(str(path), time, target[:, placed], settings, body.position)
     velocity = body.velocity if velocity_known else None
     return Observation(
@@ -143,6 +152,7 @@ def from_table(
         truth={},
         initial_affine=body.affine if velocity_known else None,
         density=body.density,
+        registration=None if registration is None else registration.plain(),
     )
 
 
@@ -169,14 +179,23 @@ def write_table(
         unfinished.write(text.getvalue().encode())
 
 
-def _require_metres(target: Float[np.ndarray, "frames markers 3"], where: str) -> None:
+def _require_metres(
+    target: Float[np.ndarray, "frames markers 3"], where: str, settings: SimulationSettings | None = None
+) -> None:
+    """Refuses positions far beyond the domain, the unit box unless `settings` say another."""
     seen = target[np.isfinite(target)]
     if not len(seen):
         raise UserError(f"{where}: no position was observed, all are NaN; accepted: at least one")
-    if seen.min() < -BEYOND or seen.max() > 1.0 + BEYOND:
-        far = seen[np.argmax(np.abs(seen - 0.5))]
+    domain = UNIT_BOX if settings is None else settings.domain
+    if domain is None:
+        return
+    low, high = min(domain[0]), max(domain[1])
+    if seen.min() < low - BEYOND or seen.max() > high + BEYOND:
+        far = seen[np.argmax(np.abs(seen - 0.5 * (low + high)))]
+        size = f"{high - low:g} m" if domain == UNIT_BOX else f"{low:g} to {high:g} m"
         raise UserError(
-            f"{where}: holds the coordinate {far:.4g}, far beyond the domain of 1 m; metres expected{length_hint(seen)}"
+            f"{where}: holds the coordinate {far:.4g}, far beyond the domain of {size}; metres expected"
+            f"{length_hint(seen) if domain == UNIT_BOX else ''}"
         )
 
 
