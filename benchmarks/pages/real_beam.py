@@ -189,14 +189,21 @@ def _grid(results: Mapping[str, Any], place: str) -> list[str]:
     bare, loaded = ({k: _row(rows, k, load) for k in (results["simulated_with"]["cells"], finest)} for load in LOADS)
     sag, ratio = (values[finest]["sag"] / next(iter(values.values()))["sag"] for values in (bare, loaded))
     frequency = bare[finest]["frequency"] / next(iter(bare.values()))["frequency"]
-    softest, stiffest = (ratios[name]["sag"] for name in (min(ratios), max(ratios)))
+    products = [row["sag"] * row["frequency"] ** 2 for row in ratios.values()]
+    last = max(ratios)
     return [
         GRID.format(young=1e-3 * results["simulated_with"]["youngs_modulus"]),
         table(["weight", "cells over the width", "dx [mm]", *FIGURES], lines),
         f"![Convergence]({place}/convergence.png)",
         ERRORS.format(sag=sag - 1.0, frequency=frequency - 1.0, ratio=abs(ratio / sag - 1.0)),
         table(["nu", *FIGURES], [[name.removeprefix("nu "), *_figures(row)] for name, row in ratios.items()]),
-        RATIOS.format(cells=results["cells_of_ratios"], change=stiffest / softest - 1.0),
+        RATIOS.format(
+            cells=results["cells_of_ratios"],
+            nu=float(last.removeprefix("nu ")),
+            change=ratios[last]["sag"] / ratios[min(ratios)]["sag"] - 1.0,
+            product=max(products) / min(products) - 1.0,
+            used=results["simulated_with"]["poissons_ratio"],
+        ),
     ]
 
 

@@ -39,8 +39,8 @@ INTERVALS = """\
 Intervals: least squares over x and z of three markers in every frame after the release. What the fit of two
 numbers leaves, {rms:.2f} mm RMS where markers are good to 0.003 mm, is alike from frame to frame, so that
 intervals come from the scores' covariance of Newey and West over lags of 1 s, with the critical values of
-Kiefer and Vogelsang. Intervals of white noise would be a {narrower:.0f}th as wide for E, and a
-{narrower_eta:.0f}th for the viscosity. They say how well this model is fitted; the columns on the right,
+Kiefer and Vogelsang. Intervals of white noise would be {narrower:.1f} times as narrow for E, and
+{narrower_eta:.0f} times for the viscosity. They say how well this model is fitted; the columns on the right,
 outside of them, say how far the model is from the beam.
 
 **The grid's part of the damping.** The fitted motion rings with {ours:.3f} of the critical damping (measured:
@@ -58,10 +58,11 @@ time alone. Bars: 5 %, 5 %, 15 %; what misses its bar is marked *missed*.
 WHY = """\
 Fitted to the loaded recording afterwards, E is {young:+.1%} and the viscosity {eta:.1f} times that of the
 first: no E and viscosity have both. The beam is softer under the larger load than its own weight tells (both
-sags go on creeping, by 3 % from 1 s to 4 s, and more than that before), and its damping hardly depends on the
-frequency, while that of a viscosity is proportional to it. The loaded beam does not start as one that is let
-go from straight, either: within the first 0.1 s it falls and is caught again. No law of this page knows of
-these, and the RMS, which adds up a phase that runs away, an offset and an envelope, shows all of them.
+sags creep, as the table above says; rubber is softer at larger strains, too, which these two recordings alone
+do not separate), and its damping hardly depends on the frequency, while that of a viscosity is proportional
+to it. The loaded beam does not start as one that is let go from straight, either: within the first 0.1 s it
+falls and is caught again. No law of this page knows of these, and the RMS, which adds up a phase that runs
+away, an offset and an envelope, shows all of them.
 """
 HEAVY = """\
 ## 101 g, not seen by us
@@ -96,6 +97,13 @@ and the same factor for the bare and the loaded beam to {ratio:.1%}, so that it 
 misses.
 """
 RATIOS = """\
-On {cells} cells a larger nu, with the same E, changes this much: nu 0.49 would make E {change:+.1%}. What nu
-the beam has, these motions cannot tell.
+On {cells} cells, with the same E. Locking and what nu does to the beam itself act as one stiffness: with nu
+{nu:g} the sag alone would make E {change:+.1%}, while the product of sag and squared frequency stays within
+{product:.1%}. Sag and frequency do not tell nu from E, and the estimates above are for nu {used:g}, whose
+convergence is in the table.
+
+## Not done
+
+The same through a neural law; a weight that swings on its thread; damping that does not grow with the
+frequency; softening with strain. The last two are likely what the prediction misses.
 """

@@ -1,9 +1,13 @@
 """The measured beam: its law, its fit on made-up recordings, and the page that is made of the results."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
 
+from benchmarks.pages.real_beam import text_of
 from benchmarks.real_beam.fit import NAMES, REGISTRATION, fit, simulated, start_of
 from benchmarks.real_beam.law import Following, Silicone
 from benchmarks.real_beam.measured import GRAVITY_FILE, LOADED_FILE, Recording, read
@@ -12,6 +16,8 @@ from benchmarks.real_beam.runs import SOFTER, VISCOSITIES, YOUNG, plain
 from benchmarks.real_beam.scene import LENGTH, Tip
 from benchmarks.real_beam.surrogate import Family
 from pcnclaws.laws.base import TIME_STEP
+
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 def test_in_steady_shear_the_stress_is_that_of_a_newtonian_viscosity() -> None:
@@ -87,3 +93,8 @@ def test_intervals_hold_the_truth_where_residuals_are_alike_in_time() -> None:
         held.append(off <= found.half[:2])
         narrow.append(off <= found.naive[:2])
     assert np.mean(held) >= 0.8 > np.mean(narrow)
+
+
+def test_the_page_is_that_of_the_results() -> None:
+    document = json.loads((DOCS / "results" / "real_beam" / "real_beam.json").read_text(encoding="utf-8"))
+    assert text_of(document["results"], "results/real_beam") == (DOCS / "real_beam.md").read_text(encoding="utf-8")
