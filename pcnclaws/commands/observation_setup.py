@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from pcnclaws.commands.capture_options import capture_of
 from pcnclaws.commands.configuration import affine_word, body_from, two_densities
 from pcnclaws.commands.surroundings import domain_of, grid_spacing_from, surroundings_from
-from pcnclaws.commands.typed_configs import EstimateConfig, Observed, ObservedSimulation, Scene
-from pcnclaws.data.motion_capture import Capture
+from pcnclaws.commands.typed_configs import EstimateConfig, ObservedSimulation, Scene
 from pcnclaws.data.observation import Observation
 from pcnclaws.data.observation_files import from_record, from_table, observed_record
-from pcnclaws.data.registration import frame_places, units_word
 from pcnclaws.errors import UserError
 from pcnclaws.geometry.shapes import PointCloud, spin_velocity
 from pcnclaws.geometry.velocity_gradients import spin_gradient, velocity_gradients
@@ -34,8 +33,8 @@ def observation_from(config: EstimateConfig, material: Material) -> Observation:
             )
         settings = _observed_settings(config.simulation, config.scene, SimulationSettings())
         known = config.scene.velocity is not None or config.scene.particles is not None
-        capture = _capture_of(config.observation)
-        observation = from_table(path, material.name, settings, body, known, capture)
+        capture = capture_of(config.observation)
+        observation = from_table(path, material.name, settings, body, known, capture=capture)
     else:
         record = observed_record(path, config.observation.scene, material.name)
         observation = from_record(record, _observed_settings(config.simulation, config.scene, record.settings), body)
@@ -49,17 +48,6 @@ def observation_from(config: EstimateConfig, material: Material) -> Observation:
     observation = replace(observation, spins_have_gradient=affine_word(config.scene) != "zero")
     window = config.observation.window
     return observation if window is None else observation.between(*_window(window))
-
-
-def _capture_of(observed: Observed) -> Capture | None:
-    """Units, frame and clock of a CSV file; None where nothing is said of them."""
-    if observed.units is None and observed.frame is None and observed.start is None:
-        return None
-    start = observed.start
-    if start is not None and (isinstance(start, bool) or not isinstance(start, int | float)):
-        raise UserError(f"observation.start={start} is not accepted; accepted: a time [s]")
-    places = None if observed.frame is None else frame_places(observed.frame)
-    return Capture(units_word(observed.units), places, observed.frame == "fit", start)
 
 
 def _observed_body(scene: Scene) -> PointCloud | None:

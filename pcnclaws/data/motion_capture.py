@@ -63,9 +63,9 @@ def captured(
     else:
         seen = np.isfinite(target[0]).all(1)
         known = [name for name, one in zip(names, seen, strict=True) if one]
-        registration = on_shape(str(path), target[0, seen], known, body, reach, capture.units)
+        registration = on_shape(str(path), target[0, seen], known, body, reach, units=capture.units)
     target = registration(target)
-    names, target = _on_body(path, names, target, body, reach, capture)
+    names, target = _on_body(path, names, target, body, reach, capture=capture)
     log.warning("%s: %s", path, registration.words())
     return time, names, target, registration
 

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from pcnclaws.data.length_units import UNITS, unit_of_ratio
+from pcnclaws.data.length_units import unit_of_ratio
 from pcnclaws.data.markers import surface_particles
 from pcnclaws.errors import UserError
 
@@ -161,37 +161,6 @@ def on_shape(
     _, rotation, shift = least
     distance = surface.query(marker @ rotation.T + shift)[0]
     return Registration(rotation, shift, dict(zip(names, distance.tolist(), strict=True)), len(distinct) - 1)
-
-
-def frame_places(frame: Any) -> dict[str, np.ndarray] | None:
-    """`observation.frame` as places by marker [m]; None for fit.
-
-    raises  UserError for what is neither
-    """
-    if frame == "fit":
-        return None
-    known = "fit, or places of three fixed markers, [{marker: name, place: [x, y, z]}, ...]"
-    if not isinstance(frame, Sequence) or isinstance(frame, str) or not frame:
-        raise UserError(f"observation.frame={frame} is not accepted; accepted: {known}")
-    places: dict[str, np.ndarray] = {}
-    for one in frame:
-        if not isinstance(one, Mapping) or set(one) != {"marker", "place"} or str(one["marker"]) in places:
-            raise UserError(f"observation.frame holds {one}; accepted: {known}, each marker once")
-        place = one["place"]
-        numbers = isinstance(place, Sequence) and not isinstance(place, str) and len(place) == 3
-        if not numbers or not all(isinstance(x, float | int) and not isinstance(x, bool) for x in place):
-            raise UserError(f"observation.frame: the place {place} is not accepted; accepted: three numbers [m]")
-        places[str(one["marker"])] = np.array([float(x) for x in place])
-    return places
-
-
-def units_word(units: Any) -> str:
-    """`observation.units`; UserError for an unknown one."""
-    if units is None:
-        return "m"
-    if units not in UNITS:
-        raise UserError(f"observation.units={units} is not accepted; accepted: {', '.join(UNITS)}")
-    return str(units)
 
 
 def _extents(points: Points) -> np.ndarray:
