@@ -36,6 +36,7 @@ tables: $(INSTALLED) ## write the pages of results from the JSON files in docs/r
 	$(RUN) benchmarks.pages.real_stress docs/results/real_stress.json docs/real_stress.md
 	$(RUN) benchmarks.pages.verification docs/results/verification.json docs/verification.md
 	$(RUN) benchmarks.pages.laws docs/laws
+	$(RUN) benchmarks.pages.real_beam docs/results/real_beam/real_beam.json docs/real_beam.md
 
 lint: $(INSTALLED) ## check style, types and the direction of imports
 	$(VENV)/bin/ruff check

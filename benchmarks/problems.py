@@ -9,6 +9,7 @@ from rich.table import Table
 from benchmarks import fuzzing, kills, own_laws, run_time_vs_error, scaling, skips, stability, step_cost
 from benchmarks import training_time as training
 from benchmarks.context import BenchmarkContext
+from benchmarks.real_beam import problem as real_beam
 from benchmarks.stress import problem as stress
 from benchmarks.verification import problem as verification
 
@@ -32,6 +33,7 @@ PROBLEMS = {
     "fuzzing": Problem(fuzzing.run, fuzzing.draw, fuzzing.tables),
     "kills": Problem(kills.run, kills.draw, kills.tables),
     "own_laws": Problem(own_laws.run, own_laws.draw, own_laws.tables),
+    "real_beam": Problem(real_beam.run, real_beam.draw, real_beam.tables),
     "run_time_vs_error": Problem(run_time_vs_error.run, run_time_vs_error.draw, run_time_vs_error.tables),
     "scaling": Problem(scaling.run, scaling.draw, scaling.tables),
     "skips": Problem(skips.run, skips.draw, skips.tables),

@@ -107,6 +107,7 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
         "observation": str(config.observation.file),
         "estimator": estimator.name,
         **result_values(findings),
+        **({} if observation.registration is None else {"registration": dict(observation.registration)}),
         "mse": mse,
         "iterations": module.iterations,
         "history": [{"values": list(numbers), "mse": error} for numbers, error in module.history],

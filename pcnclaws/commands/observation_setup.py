@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from pcnclaws.commands.capture_options import capture_of
 from pcnclaws.commands.configuration import affine_word, body_from, two_densities
 from pcnclaws.commands.surroundings import domain_of, grid_spacing_from, surroundings_from
 from pcnclaws.commands.typed_configs import EstimateConfig, ObservedSimulation, Scene
@@ -32,7 +33,8 @@ def observation_from(config: EstimateConfig, material: Material) -> Observation:
             )
         settings = _observed_settings(config.simulation, config.scene, SimulationSettings())
         known = config.scene.velocity is not None or config.scene.particles is not None
-        observation = from_table(path, material.name, settings, body, known)
+        capture = capture_of(config.observation)
+        observation = from_table(path, material.name, settings, body, known, capture=capture)
     else:
         record = observed_record(path, config.observation.scene, material.name)
         observation = from_record(record, _observed_settings(config.simulation, config.scene, record.settings), body)

@@ -200,6 +200,9 @@ class Observed:
 
     file: Unchecked
     scene: Unchecked
+    units: Unchecked
+    frame: Unchecked
+    start: Unchecked
     window: Unchecked
     noise: Unchecked
 

@@ -146,6 +146,10 @@ def _is_table(options: Options) -> bool:
     return Path(str(options.get("observation.file"))).suffix.lower() == ".csv"
 
 
+def _is_record(options: Options) -> bool:
+    return options.get("observation.file") is not None and not _is_table(options)
+
+
 def _nothing_drawn(options: Options) -> bool:
     return options["markers"] == 1.0 and options["noise"] == 0.0 and options["missing"] == 0.0
 
@@ -222,6 +226,11 @@ RULES: Mapping[str, Sequence[Rule]] = {
         _SCENE_OF_FILE,
         Rule(("scene.spin",), "without scene.velocity", _is("scene.velocity", None)),
         Rule(("observation.scene",), "on a CSV file, which holds one scene", _is_table),
+        Rule(
+            tuple(f"observation.{name}" for name in ("units", "frame", "start")),
+            "on a trajectory file, which is in metres and seconds of a simulation",
+            _is_record,
+        ),
         Rule(("estimator.learning_rate",), "with estimator=gauss_newton", _is("estimator.name", "gauss_newton")),
         Rule(("seed",), "with screening=0, which draws nothing", _is("screening", 0), False),
     ),

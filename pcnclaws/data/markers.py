@@ -8,6 +8,9 @@ from pcnclaws.errors import UserError
 
 # Particles that a marker follows: those around it in a lattice.
 FOLLOWED = 8
+# Of one that stands off a face, whose nearest particles are in a plane, as many as it takes; and how near to its place
+# the particles have to put a marker, over the reach.
+BEYOND_A_FACE, PLACED = (27, 64), 1e-6
 # Factor between the extents of markers and body that a choice of markers does not explain.
 SPAN = 5.0
 
@@ -25,9 +28,8 @@ def followed_particles(
     reach     largest accepted distance from the nearest particle [m]
     raises    UserError naming a marker that is farther from the body
     """
-    count = min(FOLLOWED, len(position))
-    distance, particle = KDTree(position).query(marker, k=count)
-    distance, particle = distance.reshape(len(marker), count), particle.reshape(len(marker), count)
+    tree = KDTree(position)
+    distance, particle = _nearest(tree, marker, FOLLOWED)
     far = int(np.argmax(distance[:, 0]))
     if distance[far, 0] > reach:
         raise UserError(
@@ -35,7 +37,24 @@ def followed_particles(
             f"{reach:.3g} m, at the start{_extents(marker, position)}"
         )
     weight = np.array([_weights(m, position[p], d) for m, p, d in zip(marker, particle, distance, strict=True)])
+    for more in BEYOND_A_FACE:
+        missed = np.linalg.norm(np.einsum("mk,mkc->mc", weight, position[particle]) - marker, axis=1)
+        off = np.flatnonzero(missed > PLACED * reach)
+        if not len(off) or particle.shape[1] >= len(position):
+            break
+        distance, around = _nearest(tree, marker, more)
+        added = ((0, 0), (0, around.shape[1] - particle.shape[1]))
+        particle, weight = np.pad(particle, added, mode="edge"), np.pad(weight, added)
+        particle[off] = around[off]
+        weight[off] = [_weights(marker[m], position[around[m]], distance[m]) for m in off]
     return particle.astype(np.int64), weight
+
+
+def _nearest(tree: KDTree, marker: Float[np.ndarray, "markers 3"], count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Distances and numbers of the nearest particles, each (markers, count)."""
+    count = min(count, tree.n)
+    distance, particle = tree.query(marker, k=count)
+    return distance.reshape(len(marker), count), particle.reshape(len(marker), count)
 
 
 def _extents(marker: Float[np.ndarray, "markers 3"], position: Float[np.ndarray, "particles 3"]) -> str:

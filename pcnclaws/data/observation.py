@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int64
@@ -25,6 +26,7 @@ class Observation:
     initial_affine    APIC velocity gradient C of the particles [1/s], (particles, 3, 3), None for 0
     spins_have_gradient  whether a spin that is sought starts with its velocity gradient as C, too
     density           of each particle [kg/m^3], (particles,), None where it is that of the settings
+    registration      of the frame of a file, as plain values, None where it is the simulation's own
     """
 
     name: str
@@ -41,6 +43,7 @@ class Observation:
     initial_affine: Float[np.ndarray, "particles 3 3"] | None = None
     spins_have_gradient: bool = True
     density: Float[np.ndarray, " particles"] | None = None
+    registration: Mapping[str, Any] | None = None
 
     @property
     def seen(self) -> Bool[np.ndarray, "frames markers"]:

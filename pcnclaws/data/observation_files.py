@@ -1,6 +1,7 @@
 """Observations from files: a trajectory file of ours, or a table of markers.
 
 time, marker, x, y, z        a CSV file with this header, in seconds and metres; an empty coordinate was not seen
+time_s, <marker>_x, ...      the same with a line for each frame
 """
 
 import csv
@@ -17,18 +18,19 @@ from jaxtyping import Float
 from pcnclaws.atomic import replaced_file
 from pcnclaws.data.first_motion import name_contradictions
 from pcnclaws.data.hdf5 import read_scenes, scene_names
+from pcnclaws.data.marker_tables import COLUMNS
 from pcnclaws.data.markers import followed_particles
+from pcnclaws.data.motion_capture import Capture, captured
 from pcnclaws.data.observation import Observation
-from pcnclaws.data.units import check_motion, check_record
+from pcnclaws.data.units import check_jumps, check_motion, check_record
 from pcnclaws.errors import UserError
 from pcnclaws.geometry.shapes import PointCloud
-from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.mpm.settings import UNIT_BOX, SimulationSettings
 from pcnclaws.simulation.placement import length_hint, require_inside
 from pcnclaws.simulation.records import SceneRecord
 
 log = logging.getLogger(__name__)
 
-COLUMNS = ("time", "marker", "x", "y", "z")
 # Significant digits of coordinates in single and in double precision, and of times at least.
 SINGLE_DIGITS, DOUBLE_DIGITS, TIME_DIGITS = 7, 16, 9
 # Positions beyond the domain by more than this are in other units [m].
@@ -100,15 +102,21 @@ def from_record(
 
 
 def from_table(
-    path: str | Path, material: str, settings: SimulationSettings, body: PointCloud, velocity_known: bool
+    path: str | Path,
+    material: str,
+    settings: SimulationSettings,
+    body: PointCloud,
+    velocity_known: bool,
+    capture: Capture | None = None,
 ) -> Observation:
     """The markers of a CSV file on a body of known shape, placed where they are in the first frame.
 
     body            the particles at time 0, the start of the simulation
     velocity_known  whether the body's velocities are those of the start
+    capture         units, frame and clock of the file; None: metres, the simulation's frame, time 0 is the start
     """
-    time, names, target = _read_table(Path(path))
-    _require_metres(target, str(path))
+    time, names, target, registration = captured(Path(path), body.position, settings.grid_spacing, capture)
+    _require_metres(target, str(path), settings)
     first = target[0]
     placed = np.isfinite(first).all(1)
     if abs(time[0]) > AT_START or not placed.any():
@@ -127,6 +135,7 @@ def from_table(
     require_inside(body.position, settings, "scene")
     particle, weight = followed_particles(first[placed], names, body.position, settings.grid_spacing)
     _name_empty(str(path), target[:, placed])
+    check_jumps(str(path), time, target[:, placed], names, body.position)
     check_motion(str(path), time, target[:, placed], settings, body.position)
     velocity = body.velocity if velocity_known else None
     return Observation(
@@ -143,6 +152,7 @@ def from_table(
         truth={},
         initial_affine=body.affine if velocity_known else None,
         density=body.density,
+        registration=None if registration is None else registration.plain(),
     )
 
 
@@ -169,73 +179,23 @@ def write_table(
         unfinished.write(text.getvalue().encode())
 
 
-def _read_table(path: Path) -> tuple[np.ndarray, list[str], Float[np.ndarray, "frames markers 3"]]:
-    """Times, names of the markers in the order of the file, and positions."""
-    if not path.is_file():
-        raise UserError(f"{path}: no such file")
-    places: dict[tuple[float, str], tuple[float, ...]] = {}
-    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
-        rows = csv.DictReader(file)
-        header = [str(name).strip() for name in rows.fieldnames or ()]
-        missing = [name for name in COLUMNS if name not in header]
-        if missing:
-            raise UserError(f"{path}: the column '{missing[0]}' is missing; accepted: the header {','.join(COLUMNS)}")
-        others = [name[:60] for name in header if name not in COLUMNS]
-        if others:
-            log.warning("%s: not read: the columns %s; read: %s", path, ", ".join(others), ", ".join(COLUMNS))
-        if len(set(header)) < len(header):
-            raise UserError(f"{path}: a column is there twice; accepted: the header {','.join(COLUMNS)}")
-        for row in rows:
-            values = {str(key).strip(): value for key, value in row.items()}
-            time, *position = (_number(values[name], name, path, rows.line_num) for name in COLUMNS if name != "marker")
-            if not math.isfinite(time):
-                raise UserError(f"{path}: line {rows.line_num} has no time; accepted: seconds since the start")
-            key = time, str(values["marker"]).strip()
-            if key in places and not np.array_equal(places[key], position, equal_nan=True):
-                raise UserError(
-                    f"{path}: line {rows.line_num}: marker {_quoted(key[1])} has a second position at {time:g} s; "
-                    "accepted: one for each time"
-                )
-            places[key] = tuple(position)
-    if not places:
-        raise UserError(f"{path}: holds no marker; accepted: lines of {','.join(COLUMNS)}")
-    times, names = sorted({time for time, _ in places}), list(dict.fromkeys(name for _, name in places))
-    lacking = [place for place in places.values() if 0 < sum(map(math.isfinite, place)) < len(place)]
-    if lacking:
-        log.warning("%s: %d positions lack a coordinate and are not used", path, len(lacking))
-    target = np.full((len(times), len(names), 3), np.nan)
-    frame, column = ({key: k for k, key in enumerate(keys)} for keys in (times, names))
-    for (time, name), position in places.items():
-        if all(map(math.isfinite, position)):
-            target[frame[time], column[name]] = position
-    return np.array(times), names, target
-
-
-def _quoted(text: str) -> str:
-    """The beginning of a cell, on one line."""
-    return f"'{text[:40]}'" if text[:40].isprintable() else ascii(text[:40])
-
-
-def _number(text: str | None, name: str, path: Path, line: int) -> float:
-    """The number of a cell; NaN of an empty one."""
-    if text is None or not text.strip():
-        return math.nan
-    try:
-        return float(text)
-    except ValueError:
-        raise UserError(
-            f"{path}: line {line}: {name}={_quoted(text)} is not a number; accepted: a number, or empty"
-        ) from None
-
-
-def _require_metres(target: Float[np.ndarray, "frames markers 3"], where: str) -> None:
+def _require_metres(
+    target: Float[np.ndarray, "frames markers 3"], where: str, settings: SimulationSettings | None = None
+) -> None:
+    """Refuses positions far beyond the domain, the unit box unless `settings` say another."""
     seen = target[np.isfinite(target)]
     if not len(seen):
         raise UserError(f"{where}: no position was observed, all are NaN; accepted: at least one")
-    if seen.min() < -BEYOND or seen.max() > 1.0 + BEYOND:
-        far = seen[np.argmax(np.abs(seen - 0.5))]
+    domain = UNIT_BOX if settings is None else settings.domain
+    if domain is None:
+        return
+    low, high = min(domain[0]), max(domain[1])
+    if seen.min() < low - BEYOND or seen.max() > high + BEYOND:
+        far = seen[np.argmax(np.abs(seen - 0.5 * (low + high)))]
+        size = f"{high - low:g} m" if domain == UNIT_BOX else f"{low:g} to {high:g} m"
         raise UserError(
-            f"{where}: holds the coordinate {far:.4g}, far beyond the domain of 1 m; metres expected{length_hint(seen)}"
+            f"{where}: holds the coordinate {far:.4g}, far beyond the domain of {size}; metres expected"
+            f"{length_hint(seen) if domain == UNIT_BOX else ''}"
         )
 
 

@@ -33,6 +33,8 @@ LIKE_A_UNIT = 0.3
 # Spacing of particles over the edge of the cubes that they stand for: a lattice has about 1.
 SPACING_FACTOR = 10.0
 LOOKED_AT = 1000
+# Markers that show a leap of one of them, and how much farther than their median it goes.
+FEWEST_MARKERS, LEAP = 3, 10.0
 
 Frames = Float[np.ndarray, "frames points 3"]
 
@@ -68,6 +70,34 @@ def check_motion(
         if steps < 1.0 or steps > MOST_STEPS:
             raise UserError(f"{what}; accepted: {hint}")
         log.warning("%s; expected: %s", what, hint)
+
+
+def check_jumps(
+    where: str,
+    time: Float[np.ndarray, " frames"],
+    position: Frames,
+    names: list[str],
+    body: Float[np.ndarray, "particles 3"],
+) -> None:
+    """Refuses a marker that leaps over the length of the body between two frames in which the others stay.
+
+    raises  UserError naming marker and time
+    """
+    if len(names) < FEWEST_MARKERS or len(time) < 2:
+        return
+    longest = float(np.ptp(body, axis=0).max())
+    moved = np.linalg.norm(np.diff(position, axis=0), axis=2)
+    seen = np.isfinite(moved)
+    others = np.nanmedian(np.where(seen.any(1, keepdims=True), moved, 0.0), axis=1, keepdims=True)
+    leap = np.where(seen, moved, 0.0) - LEAP * others
+    frame, marker = np.unravel_index(int(np.argmax(leap)), leap.shape)
+    if leap[frame, marker] > longest:
+        span = float(time[frame + 1] - time[frame])
+        raise UserError(
+            f"{where}: marker '{names[marker]}' moves {moved[frame, marker]:.3g} m within {span:.3g} s at "
+            f"{time[frame + 1]:.4g} s, the others {others[frame, 0]:.2g} m; accepted: markers that stay on the body, "
+            f"{longest:.3g} m long; another marker, or another unit?"
+        )
 
 
 def check_spacing(

@@ -39,6 +39,14 @@ def test_markers_follow_every_affine_motion_exactly() -> None:
     np.testing.assert_allclose(weight[0].max(), 1.0, atol=1e-6)
 
 
+def test_a_marker_that_stands_off_a_face_follows_it_as_a_piece() -> None:
+    generator = np.random.default_rng(0)
+    marker = np.array([[0.52, 0.5, 0.68], [0.52, 0.53, 0.5]])
+    particle, weight = followed_particles(marker, ["off", "in"], BODY.position, 0.05)
+    moved = BODY.position @ (gradient := generator.standard_normal((3, 3))).T
+    np.testing.assert_allclose(np.einsum("mk,mkc->mc", weight, moved[particle]), marker @ gradient.T, atol=1e-9)
+
+
 def test_a_marker_far_from_the_body_is_named() -> None:
     with pytest.raises(UserError, match="marker 'hand' is 0.0751 m from the body; accepted: at most"):
         followed_particles(np.array([[0.5, 0.712, 0.5]]), ["hand"], BODY.position, 0.05)

@@ -1,0 +1,129 @@
+"""E, viscosity, release time and place of the clamp from a recording, with intervals that know of alike residuals."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from benchmarks.real_beam.measured import Recording
+from benchmarks.real_beam.runs import VISCOSITIES, YOUNG
+from benchmarks.real_beam.scene import LENGTH, WIDTH
+from benchmarks.real_beam.surrogate import Family
+
+# Lags of the covariance of the scores [s]; x and z of the markers are compared, since the motion is in their plane.
+LAGS, IN_PLANE = 1.0, (0, 2)
+NAMES = ("youngs_modulus", "viscosity", "release", "face", "axis", "creep", "creep_time")
+SCALES = np.array((YOUNG, 200.0, 0.01, 0.01, 0.01, 0.03, 1.0))
+# What is estimated beside E, viscosity and release.
+REGISTRATION, CREEP = ("face", "axis"), ("creep", "creep_time")
+LATE = 60.0
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Estimates in the order of NAMES.
+
+    E [Pa], viscosity [Pa s], release [s], z of the face of the clamp and x of the axis of the beam in the frame of the
+    recording [m], share by which the sag creeps [-], time constant of the creep [s]
+
+    free      names of what was estimated; the others were given
+    half      half the widths of the 95 % intervals; 0 for what was given
+    residual  measured minus simulated [m], from the release on, (frames, 3, 2)
+    naive     half the widths as they were with white noise
+    """
+
+    values: np.ndarray
+    free: tuple[str, ...]
+    half: np.ndarray
+    residual: np.ndarray
+    naive: np.ndarray
+
+    @property
+    def rms(self) -> float:
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+    def plain(self) -> dict[str, Any]:
+        """As plain values."""
+        rows = zip(NAMES, self.values.tolist(), self.half.tolist(), self.naive.tolist(), strict=True)
+        return {
+            "parameters": {
+                name: {"estimate": value, "interval_95": [value - half, value + half], "white_noise_half": naive}
+                for name, value, half, naive in rows
+                if name in self.free
+            },
+            "rms": self.rms,
+        }
+
+
+def simulated(recording: Recording, family: Family, values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Displacements of the markers of the tip at times of the recording's clock [m], (times, 3, 3)."""
+    modulus, viscosity, release, face, axis, creep, creep_time = (float(value) for value in values)
+    return crept(family, recording.places(face, axis), time - release, (modulus, viscosity, creep, creep_time))
+
+
+def crept(family: Family, places: np.ndarray, time: np.ndarray, law: tuple[float, float, float, float]) -> np.ndarray:
+    """Displacements of points of the tip, about a place of rest that creeps [m], (times, points, 3).
+
+    law  E [Pa], viscosity [Pa s], share by which the sag creeps [-], its time constant [s]
+    """
+    modulus, viscosity, creep, creep_time = law
+    moved = family.displacement(time, places, modulus, viscosity)
+    if creep == 0.0:
+        return moved
+    rest = family.displacement(np.array([LATE]), places, modulus, viscosity)
+    return moved + creep * -np.expm1(-np.clip(time, 0.0, None) / creep_time)[:, None, None] * rest
+
+
+def start_of(recording: Recording, weight: float) -> np.ndarray:
+    """Where a fit begins: the first marker near the upper edge of the tip, no creep."""
+    placed = recording.rest[0, [2, 0]] - (LENGTH, 0.5 * WIDTH)
+    return np.array((YOUNG, VISCOSITIES[weight][1], recording.onset, *placed, 0.0, 1.0))
+
+
+def fit(recording: Recording, family: Family, start: np.ndarray, free: tuple[str, ...]) -> Fit:
+    """Least squares over all frames from the release on.
+
+    start  values in the order of NAMES
+    free   names of those that are estimated
+    """
+    which = [NAMES.index(name) for name in free]
+    begin = recording.first_moved
+    time, moved = recording.time[begin:], (recording.tip - recording.rest)[begin:, :, IN_PLANE]
+
+    def residual(scaled: np.ndarray) -> np.ndarray:
+        values = start.copy()
+        values[which] = scaled * SCALES[which]
+        return (moved - simulated(recording, family, values, time)[:, :, IN_PLANE]).ravel()
+
+    found = least_squares(residual, start[which] / SCALES[which], method="lm")
+    values = start.copy()
+    values[which] = found.x * SCALES[which]
+    left = found.fun.reshape(moved.shape)
+    lags = round(LAGS / float(np.median(np.diff(time))))
+    widths = np.zeros((2, len(NAMES)))
+    widths[:, which] = np.stack(_half_widths(found.jac, left, lags)) * SCALES[which]
+    return Fit(values, free, widths[0], left, widths[1])
+
+
+def _half_widths(jacobian: np.ndarray, residual: np.ndarray, lags: int) -> tuple[np.ndarray, np.ndarray]:
+    """Half the 95 % intervals of least squares whose residuals are alike in time and from marker to marker.
+
+    The scores J^T r of the frames have the covariance of Newey and West, with Bartlett's weights; critical values of
+    Kiefer and Vogelsang for lags that are a share b of the frames. Beside it the interval of white noise.
+
+    source  Newey and West 1987, Econometrica 55, 703; Kiefer and Vogelsang 2005, Econometric Theory 21, 1130, table 1
+    """
+    frames = len(residual)
+    each = jacobian.reshape(frames, -1, jacobian.shape[1])
+    scores = np.einsum("tmk,tm->tk", each, residual.reshape(frames, -1))
+    middle = scores.T @ scores
+    for lag in range(1, lags + 1):
+        moved = scores[lag:].T @ scores[:-lag]
+        middle += (1.0 - lag / (lags + 1.0)) * (moved + moved.T)
+    inverse = np.linalg.inv(jacobian.T @ jacobian)
+    share = lags / frames
+    critical = 1.96 + 2.9694 * share + 0.4160 * share**2 - 0.5324 * share**3
+    robust = critical * np.sqrt(np.diag(inverse @ middle @ inverse))
+    spread = float(np.sum(residual**2)) / (residual.size - jacobian.shape[1])
+    return robust, 1.96 * np.sqrt(spread * np.diag(inverse))
