@@ -19,6 +19,7 @@ multi_positions := training=initial
 long_positions := training=initial training.iterations=360
 free_flow_positions := $(long_positions) model=pcnclaws_free_flow
 structure := training.iterations=0
+energy := model=pcnclaws_energy training=gauss_newton data.speed=6 data.spin=8
 no_prior := model=pcnclaws_no_prior training.iterations=400
 scenes_4 := data.train_scenes=4
 scenes_8 := data.train_scenes=8
@@ -45,6 +46,7 @@ tasks_long_positions := $(BRIEF)
 tasks_free_flow_positions := $(BRIEF)
 tasks_structure := $(PAPER_TASKS)
 tasks_no_prior := $(PAPER_TASKS)
+tasks_energy := $(TASKS) outside_range
 tasks_quick := $(BRIEF)
 tasks_scenes_4 := unseen
 tasks_scenes_8 := unseen
@@ -60,7 +62,7 @@ evaluated_single := reconstruction long_term geometry unseen_motion
 define row
 $(LAWS)/$(1)_$(2)/metrics.json: | $(INSTALLED)
 	$$(RUN) pcnclaws.train experiment=$(1)_multi $($(2)) output=$(LAWS)/$(1)_$(2) threads=1 \
-		data.folder=outputs/data/$(1)$(if $(filter scenes_% try_double_precision,$(2)),_$(2))
+		data.folder=outputs/data/$(1)$(if $(filter energy scenes_% try_double_precision,$(2)),_$(2))
 
 $(RESULTS)/$(1)/$(2)/training.json: $(LAWS)/$(1)_$(2)/metrics.json
 	@mkdir -p $$(@D) && cp $$< $$@
@@ -88,6 +90,7 @@ $(call rows,multi single,$(FAMILY))
 $(call rows,multi_positions structure,$(FAMILY) $(OUTSIDERS))
 $(call rows,long_positions free_flow_positions,tresca)
 $(call rows,quick no_prior multi_paper scenes_4 scenes_8 scenes_24,$(FAMILY))
+$(call rows,energy,elasticity)
 $(call rows,seed_1 seed_2,sand)
 $(call rows,$(VARIATIONS),elasticity sand)
 

@@ -7,6 +7,7 @@ from benchmarks.pages.documents import Document, Row
 # Rows in the order of the page, and what they are called.
 ROWS = {
     "multi": "-M",
+    "energy": "-M, stored energy, by Gauss-Newton",
     "single": "-S",
     "multi_positions": "-M, positions only",
     "long_positions": "-M, positions only, three times as long",

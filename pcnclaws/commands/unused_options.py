@@ -201,6 +201,11 @@ RULES: Mapping[str, Sequence[Rule]] = {
         ),
         Rule(("training.plastic_learning_rate",), "on a material without plasticity", _elastic),
         Rule(
+            ("model.width",),
+            "on the stored energy of an elastic material, which has no network",
+            lambda options: _elastic(options) and options.get("model.name") == "pcnclaws_energy",
+        ),
+        Rule(
             ("training.loss", "training.loss_scale", "training.learning_rate", "training.gradient_clip"),
             "with training.method=gauss_newton, which has no learning rate and the loss 'relative'",
             _is("training.method", "gauss_newton"),

@@ -23,9 +23,9 @@ from pcnclaws.laws.networks import ConditionedAmounts, DimensionlessParameters
 from pcnclaws.laws.operations import deviator, exp, maximum, minimum, trace
 from pcnclaws.tensor_types import Matrices, Parameters
 
-# Strains up to which the functions are made orthogonal to each other, so that none is huge anywhere: soft bodies that
-# meet a floor reach 0.8.
-LARGEST_STRAIN = 1.2
+# Strains between which the functions are made orthogonal to each other, so that none is huge anywhere: soft bodies that
+# meet a floor are crushed to a tenth of their volume, and stretched by a fifth. Limits of what a law sees are within.
+LARGEST_STRAINS = (-2.4, 0.8)
 # Least and largest second derivative of the energy by a strain between the limits, in units of that at rest: fixed
 # corotated elasticity goes from -0.1 to 12 between strains of -1 and 1. Beyond them the least one is positive.
 CURVATURES, LEAST_TANGENT = (-0.3, 30.0), 0.05
@@ -70,7 +70,7 @@ class EnergyNet(Elasticity):
         volume = strain.sum(0)
         of_terms = (strain.flatten(), (strain - volume / 3.0).flatten(), volume)
         ends = [torch.stack((-_reached(-one), _reached(one))) for one in of_terms]
-        self.limits.copy_(torch.stack(ends).clamp(-LARGEST_STRAIN, LARGEST_STRAIN))
+        self.limits.copy_(torch.stack(ends).clamp(*LARGEST_STRAINS))
 
     def coefficients(self, parameters: Parameters) -> Mapping[str, Tensor]:
         lam, mu = lame_constants(parameters)
@@ -176,11 +176,12 @@ def _curvatures(exponents: tuple[float, ...], limits: Tensor) -> Tensor:
 
 @cache
 def _shares(exponents: tuple[float, ...]) -> np.ndarray:
-    """Combinations, as rows, whose slopes are orthogonal between the largest strains, each as large as x."""
+    """Combinations, as rows, whose slopes are orthogonal between the largest strains, each as large as x there."""
     nodes, weights = np.polynomial.legendre.leggauss(64)
-    x = torch.from_numpy(LARGEST_STRAIN * nodes)
+    low, high = LARGEST_STRAINS
+    x = torch.from_numpy(0.5 * (low + high) + 0.5 * (high - low) * nodes)
     values = torch.stack(_slopes(x, exponents)).numpy()
-    size = LARGEST_STRAIN / np.sqrt(3.0)
+    size = np.sqrt((high**3 - low**3) / (3.0 * (high - low)))
     # sqrt(w/2) values^T = Q R: the rows of R^-T values are orthonormal
     _, upper = np.linalg.qr(np.sqrt(0.5 * weights)[:, None] * values.T)
     return size * np.linalg.inv(upper).T

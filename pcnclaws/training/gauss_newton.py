@@ -19,19 +19,22 @@ from pcnclaws.simulation.simulator import Simulator
 from pcnclaws.training.losses import position_loss, relative_scales, unstressed_positions
 from pcnclaws.training.multi_scene import MultiSceneModule
 
-# What keeps amounts that no segment shows at zero, as a share of the squared motions relative to those by stress; more
-# where few segments have been seen.
-RIDGE, FIRST_RIDGE, RIDGE_DECAY = 1e-9, 1e-3, 0.3
+# What keeps amounts that no segment shows at zero.
+RIDGE = 1e-2
+# Squared error of a segment, relative to its motion by stress, that is the rounding of recorded states.
+ROUNDING = 1e-7
 
 
 class GaussNewtonModule(MultiSceneModule):
     """Least squares over all segments so far, each linearised where the weights were when it came.
 
-        (sum_b f_b J_b^T J_b + RIDGE I) w = sum_b f_b J_b^T (J_b w_b - r_b)
+        (sum_s f_s J_s^T J_s + RIDGE I) w = sum_s f_s J_s^T (J_s w_s - r_s),   f_s = 1/(|r_s|^2 + ROUNDING)
 
-    with the residuals r_b of batch b, positions relative to each segment's motion by stress, their derivatives J_b by
-    the weights, and weights f_b by which early batches are forgotten. As a scene sees its own amounts alone,
-    J_b = (derivatives by the amounts) x (features of the scene's parameters): one rollout in forward mode an amount.
+    with the residuals r_s of segment s, positions relative to its motion by stress, and their derivatives J_s by the
+    weights. The factors f_s are those of least logarithms of the errors: what the law explains to its rounding says
+    more than what no law of this form explains, or than a segment that came early. As a segment sees the amounts of its
+    own scene alone, J_s = (derivatives by the amounts) x (features of the scene's parameters): one rollout in forward mode
+    for each amount, whatever the features.
 
     In double precision, whatever the run's: the residuals end at the rounding of recorded states. See training_step
     for why Lightning sees an optimiser.
@@ -68,13 +71,11 @@ class GaussNewtonModule(MultiSceneModule):
         information, gradient = self._normal_equations(batch, residual, derivatives)
 
         now = weight.detach().flatten()
-        n = self.trainer.global_step
-        kept = n / (n + 4.0)
-        new = kept * self.information + information, kept * self.moment + information @ now - gradient
-        if bool(torch.isfinite(new[1]).all()):
-            self.information, self.moment = new
-            ridge = max(RIDGE, FIRST_RIDGE * RIDGE_DECAY**n) * torch.eye(len(now), dtype=now.dtype, device=now.device)
-            wanted = torch.linalg.solve(self.information / self._batches(n) + ridge, self.moment / self._batches(n))
+        moment = information @ now - gradient
+        if bool(torch.isfinite(moment).all()):
+            self.information, self.moment = self.information + information, self.moment + moment
+            ridge = RIDGE * torch.eye(len(now), dtype=now.dtype, device=now.device)
+            wanted = torch.linalg.solve(self.information + ridge, self.moment)
         else:  # a diverged segment: the iteration is skipped
             wanted = torch.full_like(now, torch.nan)
         return ((now - wanted).view_as(weight) * weight).sum()
@@ -90,11 +91,6 @@ class GaussNewtonModule(MultiSceneModule):
             yield
         finally:
             self._law.is_bounded = True
-
-    @staticmethod
-    def _batches(n: int) -> float:
-        """Sum of the f_b: how many batches are remembered."""
-        return (n + 5.0) / 5.0
 
     def _linearised(self, batch: SegmentBatch) -> tuple[Tensor, Float[Tensor, "amounts frames 3 particles"]]:
         """Positions, and their derivatives by the amounts of each particle."""
@@ -126,7 +122,7 @@ class GaussNewtonModule(MultiSceneModule):
         return residual, torch.where(observed, derivatives, 0.0) * unit
 
     def _normal_equations(self, batch: SegmentBatch, residual: Tensor, derivatives: Tensor) -> tuple[Tensor, Tensor]:
-        """J^T J and J^T r of a batch by the flat weights, a mean over its scenes."""
+        """f J^T J and f J^T r of a batch by the flat weights, summed over its segments."""
         scenes, amounts = batch.start.scenes, len(derivatives)
         features = self._amounts.features(batch.start.parameters)
         information, gradient = 0.0, 0.0
@@ -134,10 +130,11 @@ class GaussNewtonModule(MultiSceneModule):
             particles = (scenes.scene_index == scene).nonzero()[:, 0]
             columns = derivatives[..., particles].reshape(amounts, -1)
             feature = features[:, particles[0]]
-            of_scene = columns @ residual[..., particles].reshape(-1)
-            information = information + torch.kron(columns @ columns.T, torch.outer(feature, feature))
-            gradient = gradient + torch.kron(of_scene, feature)
-        return cast(Tensor, information) / scenes.scene_count, cast(Tensor, gradient) / scenes.scene_count
+            of_scene = residual[..., particles].reshape(-1)
+            factor = 1.0 / (of_scene @ of_scene + ROUNDING)
+            information = information + factor * torch.kron(columns @ columns.T, torch.outer(feature, feature))
+            gradient = gradient + factor * torch.kron(columns @ of_scene, feature)
+        return cast(Tensor, information), cast(Tensor, gradient)
 
 
 class _LinearLaw(Protocol):

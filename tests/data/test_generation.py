@@ -98,6 +98,19 @@ def test_motions_are_fast_enough_not_too_fast_and_half_without_spin() -> None:
     assert max(motion.velocity[1] for motion in motions) <= 0.0
 
 
+def test_motions_may_be_faster_and_the_test_scenes_stay_as_they_are() -> None:
+    plain, fast = (planned_scenes(plan) for plan in (SMALL, replace(SMALL, speed=6.0, spin=0.0)))
+    for split in ("train", "validation"):
+        for a, b in zip(plain[split], fast[split], strict=True):
+            assert a.parameters == b.parameters
+            np.testing.assert_allclose(b.velocity.mean(0), 2.0 * a.velocity.mean(0), rtol=1e-9, atol=1e-12)
+            assert np.ptp(b.velocity, axis=0).max() < 1e-12
+    for a, b in zip(plain["test"], fast["test"], strict=True):
+        np.testing.assert_array_equal(a.velocity, b.velocity)
+    with pytest.raises(UserError, match=r"data.speed=-1.0 is not accepted; accepted: a number from 0 to 100"):
+        replace(SMALL, speed=-1.0)
+
+
 def test_a_plan_is_a_function_of_its_seed_and_test_scenes_do_not_depend_on_it() -> None:
     first, again, other = (planned_scenes(replace(SMALL, seed=seed)) for seed in (4, 4, 5))
     for split in first:
