@@ -19,7 +19,7 @@ multi_positions := training=initial
 long_positions := training=initial training.iterations=360
 free_flow_positions := $(long_positions) model=pcnclaws_free_flow
 structure := training.iterations=0
-energy := model=pcnclaws_energy training=gauss_newton data.speed=6 data.spin=8
+energy := model=pcnclaws_energy training=gauss_newton data.speed=9 data.spin=8
 no_prior := model=pcnclaws_no_prior training.iterations=400
 scenes_4 := data.train_scenes=4
 scenes_8 := data.train_scenes=8

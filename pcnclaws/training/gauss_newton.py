@@ -33,8 +33,8 @@ class GaussNewtonModule(MultiSceneModule):
     with the residuals r_s of segment s, positions relative to its motion by stress, and their derivatives J_s by the
     weights. The factors f_s are those of least logarithms of the errors: what the law explains to its rounding says
     more than what no law of this form explains, or than a segment that came early. As a segment sees the amounts of its
-    own scene alone, J_s = (derivatives by the amounts) x (features of the scene's parameters): one rollout in forward mode
-    for each amount, whatever the features.
+    own scene alone, J_s = (derivatives by the amounts) x (features of the scene's parameters): one rollout in forward
+    mode for each amount, whatever the features.
 
     In double precision, whatever the run's: the residuals end at the rounding of recorded states. See training_step
     for why Lightning sees an optimiser.
