@@ -56,7 +56,7 @@ def train_on_stress(config: TrainConfig) -> Mapping[str, float | None]:
     problem = StressProblem(law.double(), paths, data.specimens, data.poissons_ratio)
     fitted = fit_stress(problem, problem.start(config.seed), config.stress.iterations)
     folders = _write_runs(folder, options, (model, law), (data, fitted))
-    report = StressReport(folder, data, paths, fitted, folders, started)
+    report = StressReport(folder, data, paths, fitted, folders=folders, started=started)
     return write_stress_report(report, config.seed, config.picture, console)
 
 

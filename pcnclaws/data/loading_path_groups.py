@@ -64,4 +64,4 @@ def _path(name: str, specimen: str, group: GuardedGroup, units: Sequence[tuple[s
     changes = np.ptp(np.diagonal(deformation, axis1=1, axis2=2), axis=0) > NOTHING
     free = np.array([bool(changes[k] and unmeasured[k].all() and unmeasured[:, k].all()) for k in range(3)])
     stress = np.where(unmeasured, np.nan, stress * unit_factor(unit, group.where))
-    return check_path(LoadingPath(name, specimen, deformation, free, stress, kind == "cauchy"))
+    return check_path(LoadingPath(name, specimen, deformation, free, stress=stress, is_cauchy=kind == "cauchy"))

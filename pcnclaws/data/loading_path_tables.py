@@ -51,7 +51,7 @@ def read_table(file: Path) -> LoadingPath:
             deformation[:, i, j] = float(i == j)
     free = np.array([bool(np.isnan(deformation[:, k, k]).all()) for k in range(3)])
     kind = STRESSES[1] if "sigma" in kinds else STRESSES[0]
-    return check_path(LoadingPath(file.stem, "specimen", deformation, free, stress, kind == "cauchy"))
+    return check_path(LoadingPath(file.stem, "specimen", deformation, free, stress=stress, is_cauchy=kind == "cauchy"))
 
 
 def _place(match: re.Match[str]) -> tuple[int, int]:

@@ -239,7 +239,7 @@ def fit_stress(problem: StressProblem, start: Float[Tensor, " unknowns"], iterat
             break
     specimens, weights = problem.found(unknowns)
     problem.reach = problem.trained_reach(unknowns)
-    return StressFit(specimens, problem.predicted(unknowns), history, problem.reach, weights, unknowns)
+    return StressFit(specimens, problem.predicted(unknowns), history, problem.reach, weights=weights, unknowns=unknowns)
 
 
 def _shortened(
