@@ -46,7 +46,8 @@ def card(material: str, config: Mapping[str, Any], metrics: Mapping[str, Any]) -
 
 
 def _generated(material: str, data: Mapping[str, Any]) -> str:
-    return f"`python -m pcnclaws.generate material={material}` (data.seed {data['seed']})"
+    faster = "".join(f" data.{name}={data[name]:g}" for name in ("speed", "spin") if name in data)
+    return f"`python -m pcnclaws.generate material={material}{faster}` (data.seed {data['seed']})"
 
 
 def _version(origin: Mapping[str, Any]) -> str:

@@ -76,7 +76,7 @@ def test_twenty_thousand_steps(material: str, law: str) -> None:
     assert missed <= ({"drift"} if material == "sand" else set()), row
 
 
-@pytest.mark.parametrize("unknown", ["parameters", "friction of an obstacle"])
+@pytest.mark.parametrize("unknown", [pytest.param("parameters", marks=pytest.mark.slow), "friction of an obstacle"])
 def test_derivatives_through_an_impact_agree(unknown: str) -> None:
     row = compare("sand", unknown, 60, "compiled")
     assert row["forward_error"] < 1e-12

@@ -76,7 +76,7 @@ def test_the_three_ways_to_the_error_agree(material: str) -> None:
     np.testing.assert_allclose(gradient, 2.0 * at.jacobian @ at.residual / len(at.residual), rtol=1e-6)
 
 
-@MATERIAL
+@pytest.mark.parametrize("material", ["elasticity", pytest.param("plasticine", marks=pytest.mark.slow), "sand"])
 def test_the_truth_is_found_again(material: str) -> None:
     problem = problem_of(observed(start(material)))
     u, at = solved(problem, [0.5 * value for value in TRUTH[material].values()])
@@ -202,6 +202,7 @@ def test_what_is_fixed_stays_and_is_not_estimated() -> None:
         unknowns_of(observation, fixed={"yield_stress": 1.0})
 
 
+@pytest.mark.slow
 def test_a_graded_body_and_two_bodies_are_estimated_at_once() -> None:
     one = start("elasticity")
     graded = observed(one)

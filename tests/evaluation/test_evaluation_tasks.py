@@ -318,6 +318,7 @@ def test_the_command_evaluates_in_one_scene_and_leaves_a_sheet(in_process, tmp_p
     assert in_process(evaluate, "evaluate", *arguments, "task=unseen", "task.scene=train-02").status == 2
 
 
+@pytest.mark.slow
 def test_the_command_reports_the_floor_of_a_built_in_task(in_process, tmp_path: Path) -> None:
     arguments = ("material=elasticity", "law=analytic", "task=reconstruction", "picture=false", "output=m.json")
     outcome = in_process(evaluate, "evaluate", *arguments, "task.scene=train-02")

@@ -16,6 +16,7 @@ from bodies import (
     spinning,
     uniform,
 )
+from conftest import SLOW_IN_PYTORCH
 from moving_body import PARTICLES, moving_body, stress_free
 
 from pcnclaws.laws.materials import MATERIALS
@@ -102,6 +103,7 @@ def first_mode_of_a_bar(length: float, cells: int, youngs_modulus: float) -> flo
     return math.pi / ((crossings[1] - crossings[0]) * settings.time_step)
 
 
+@SLOW_IN_PYTORCH
 def test_a_free_bar_vibrates_at_its_natural_frequency() -> None:
     measured = first_mode_of_a_bar(length=0.6, cells=20, youngs_modulus=1e5)
     assert measured == pytest.approx(math.pi / 0.6 * math.sqrt(1e5 / 1000.0), rel=0.015)
