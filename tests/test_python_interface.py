@@ -84,6 +84,7 @@ SMALL = {"simulate": LANDING, "generate": DATA, "train": (*DATA, *FIT, "threads=
 
 
 @pytest.mark.usefixtures("own_registry")
+@pytest.mark.slow
 def test_the_commands_of_the_example_of_a_material_of_ones_own_run(in_process, tmp_path, monkeypatch):
     (plugin,) = (ROOT / "examples" / "05_your_own_material_on_the_command_line").glob("*.py")
     text = plugin.read_text(encoding="utf-8")

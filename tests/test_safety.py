@@ -283,6 +283,7 @@ def _claiming(path: Path) -> None:
         scene.create_dataset("volume", (10**8,), "f4", chunks=(10**6,), compression="gzip")
 
 
+@pytest.mark.slow
 def test_what_claims_to_be_large_is_refused_before_memory_is_taken(tmp_path: Path) -> None:
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     before = resource.getrlimit(resource.RLIMIT_AS)

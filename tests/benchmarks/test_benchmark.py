@@ -41,7 +41,7 @@ SMOKE = {
 }
 
 
-DEAR = ("training", "scaling", "step_cost")
+DEAR = ("training", "scaling", "step_cost", "skips")
 
 
 def check_own_laws(results: dict) -> None:

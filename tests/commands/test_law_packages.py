@@ -70,6 +70,7 @@ def package(written_package: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     return Path(shutil.copy(written_package, "law.zip"))
 
 
+@pytest.mark.slow
 def test_a_shipped_law_taken_along_moves_bodies_to_the_same_bits(in_process: Callable[..., Any]) -> None:
     done = in_process(export, "export", "law=sand", "output=sand.zip")
     assert (done.status, done.err) == (0, "")

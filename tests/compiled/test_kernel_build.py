@@ -11,6 +11,7 @@ from filelock import FileLock
 from pcnclaws.compiled.build import _library_file, cache_folder, find_compiler
 
 
+@pytest.mark.slow
 def test_without_a_compiler_one_line_says_that_pytorch_runs(
     command: Callable[..., Outcome], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

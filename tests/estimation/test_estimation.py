@@ -107,6 +107,7 @@ def test_start_velocity_spin_and_clock_are_found_along() -> None:
     np.testing.assert_allclose(unknowns.values(u), expected, rtol=2e-3, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_noise_gaps_and_few_markers_widen_the_intervals_and_these_hold_the_truth() -> None:
     observation, generator = observed(start("elasticity"), steps=160, every=20), np.random.default_rng(3)
     whole = problem_of(observation)

@@ -304,6 +304,7 @@ def test_cells_end_halfway_between_points_by_difference_or_by_factor() -> None:
     np.testing.assert_allclose(across[1:] / across[:-1], (across[-1] / across[0]) ** 0.2, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_command_evaluates_in_one_scene_and_leaves_a_sheet(in_process, tmp_path: Path) -> None:
     arguments = ("material=elasticity", "law=analytic", "task=reconstruction", "floor=false", "output=m.json")
     outcome = in_process(evaluate, "evaluate", *arguments, "task.scene=train-02")

@@ -21,6 +21,7 @@ STEPS = 2000
 ALWAYS = replace(ON, rest=False)
 
 
+@pytest.mark.slow
 def test_scenes_that_come_to_rest_stay_where_they_would_have_stayed() -> None:
     heights = (0.2, 0.25)
     bodies = batch(*(body((0.5, 0.5 * SIDE + height, 0.5), (0.0, -0.2, 0.0)) for height in heights))
