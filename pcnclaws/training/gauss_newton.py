@@ -45,7 +45,9 @@ class GaussNewtonModule(MultiSceneModule):
 
     def __init__(self, laws: Laws, *arguments: object, **options: object) -> None:
         check_linear(laws)
-        super().__init__(Laws(copy.deepcopy(laws.elasticity).double(), None), *arguments, **options)  # type: ignore[arg-type]
+        # whatever acts beside the elasticity acts here, too: it has no weights
+        others = (law if law is None else copy.deepcopy(law).double() for law in laws[1:])
+        super().__init__(Laws(copy.deepcopy(laws.elasticity).double(), *others), *arguments, **options)  # type: ignore[arg-type]
         count = self._amounts.weight.numel()
         self.register_buffer("information", torch.zeros(count, count, dtype=torch.float64))
         self.register_buffer("moment", torch.zeros(count, dtype=torch.float64))

@@ -1,6 +1,7 @@
 """Gauss-Newton for laws that are linear in their weights: exact derivatives, and motions fitted to their rounding."""
 
 import copy
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.elasticity import NeoHookean
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import build_neural_laws
+from pcnclaws.laws.viscosity import NewtonianViscosity
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.training.gauss_newton import GaussNewtonModule
 from pcnclaws.training.module import OptimiserSettings
@@ -101,6 +103,15 @@ def test_a_run_that_goes_on_ends_as_one_that_was_not_interrupted(records: list[S
     continued, _ = fitted(records, tmp_path / "stopped")
     for one, other in zip(whole.elasticity.parameters(), continued.elasticity.parameters(), strict=True):
         assert torch.equal(one, other)
+
+
+def test_a_viscosity_beside_the_elasticity_acts_in_training(records: list[SceneRecord]) -> None:
+    laws, positions = untrained(records)._replace(viscosity=NewtonianViscosity()), []
+    viscous = [replace(one, parameters={**one.parameters, "viscosity": 50.0}) for one in records]
+    for given in (laws, laws._replace(viscosity=None)):
+        module, data = module_and_data(viscous, given)
+        positions.append(module._linearised(data.dataset[0])[0])
+    assert (positions[0] - positions[1]).abs().max() > 1e-7
 
 
 def test_laws_that_are_not_linear_in_their_weights_are_refused(records: list[SceneRecord]) -> None:
