@@ -15,9 +15,10 @@ if TYPE_CHECKING:
     from pcnclaws.interface.motion import Motion
     from pcnclaws.interface.scene import Scene, simulate_scenes
     from pcnclaws.interface.settings import Settings
-    from pcnclaws.laws.base import Elasticity, Law, Plasticity
+    from pcnclaws.laws.base import Elasticity, Plasticity
     from pcnclaws.laws.constitutive_model import ConstitutiveModel, analytic_law, neural_law
     from pcnclaws.laws.internal_variables import InternalVariable
+    from pcnclaws.laws.law import Law
     from pcnclaws.laws.materials import Material
     from pcnclaws.laws.parameters import Parameter
     from pcnclaws.laws.registry import Network, register
@@ -63,7 +64,7 @@ _MODULES = {
     "ConstitutiveModel": "laws.constitutive_model",
     "Elasticity": "laws.base",
     "InternalVariable": "laws.internal_variables",
-    "Law": "laws.base",
+    "Law": "laws.law",
     "Load": "mpm.loads",
     "Material": "laws.materials",
     "Motion": "interface.motion",

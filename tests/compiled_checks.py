@@ -10,7 +10,7 @@ from torch.autograd import forward_ad
 
 from pcnclaws.compiled.law_source import LawKernel
 from pcnclaws.laws.analytic import Laws, analytic_laws
-from pcnclaws.laws.base import Law
+from pcnclaws.laws.law import Law
 from pcnclaws.laws.materials import material_named
 from pcnclaws.laws.networks import ConditionalMLP
 from pcnclaws.laws.neural import build_neural_laws

@@ -17,8 +17,9 @@ from pcnclaws.compiled.backend import using_backend
 from pcnclaws.compiled.build import find_compiler
 from pcnclaws.compiled.isotropic_laws import fallbacks
 from pcnclaws.compiled.structures import LawArrays
-from pcnclaws.laws.base import Elasticity, Law
+from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.elasticity import FixedCorotated, StVKHencky
+from pcnclaws.laws.law import Law
 from pcnclaws.laws.materials import material_named
 from pcnclaws.laws.plasticity import DruckerPrager, VonMises
 from pcnclaws.linalg3 import hencky_strain

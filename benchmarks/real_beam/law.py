@@ -11,7 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pcnclaws.laws.base import TIME_STEP, Elasticity, Plasticity
+from pcnclaws.laws.base import Elasticity, Plasticity
+from pcnclaws.laws.formulas import TIME_STEP
 from pcnclaws.laws.internal_variables import InternalVariable
 from pcnclaws.laws.materials import Material
 from pcnclaws.laws.moduli import lame_constants

@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from pcnclaws.data.point_files import read_one_scene
 from pcnclaws.errors import UserError
-from pcnclaws.mpm.colliders import Collider, SignedDistance
+from pcnclaws.mpm.colliders import Collider
+from pcnclaws.mpm.distance_fields import SignedDistance
 from pcnclaws.mpm.loads import Load
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.placement import require_inside, require_loaded

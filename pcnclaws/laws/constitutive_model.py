@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from pcnclaws.errors import UserError
 from pcnclaws.laws.analytic import Laws, analytic_laws
-from pcnclaws.laws.base import TIME_STEP
+from pcnclaws.laws.formulas import TIME_STEP
 from pcnclaws.laws.given_values import Value, checked_values, of_particles, require_values
 from pcnclaws.laws.internal_variables import InternalVariable, start_values
 from pcnclaws.laws.materials import Material, material_named

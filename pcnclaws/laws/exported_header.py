@@ -10,9 +10,10 @@ from pcnclaws.compiled.coefficient_source import coefficient_source
 from pcnclaws.compiled.header_source import HeaderLaw, HeaderModel, law_header
 from pcnclaws.compiled.symbols import Untraceable
 from pcnclaws.errors import UserError
-from pcnclaws.laws.base import TIME_STEP, Law
 from pcnclaws.laws.constitutive_model import ConstitutiveModel
+from pcnclaws.laws.formulas import TIME_STEP
 from pcnclaws.laws.internal_variables import InternalVariable
+from pcnclaws.laws.law import Law
 from pcnclaws.laws.networks import ConditionalMLP
 from pcnclaws.laws.parameters import Parameter
 

@@ -4,23 +4,20 @@ A shape is a dataclass of its numbers. It says how far points are from it where 
 and about which point it turns. SHAPES names it for options and files; a method of Collider makes it in Python.
 """
 
-import hashlib
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
-from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, TypedDict, Unpack
+from typing import Any, NamedTuple, TypedDict, Unpack
 
-import numpy as np
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.mpm.contact import CONTACTS, require_friction
-from pcnclaws.mpm.interpolation import trilinear
+from pcnclaws.mpm.distance_fields import Sampled, SignedDistance, of_mesh
 from pcnclaws.mpm.numbers import (
     Number,
     Numbers,
@@ -33,43 +30,9 @@ from pcnclaws.mpm.numbers import (
     scalars,
     span_holds,
 )
-from pcnclaws.tensor_types import Vectors
+from pcnclaws.mpm.shape import Distances, Points, Shape, hashable
 
-Points = Vectors  # of grid nodes here
-Distances = Float[Tensor, " points"]
 ZERO = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """What a collider is made of: vectors [m] and lengths [m], numbers or tensors that may carry derivatives."""
-
-    word: ClassVar[str]
-    lengths: ClassVar[tuple[str, ...]] = ("radius",)
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            checked = as_number if name in self.lengths else as_vector
-            object.__setattr__(self, name, checked(f"collider {self.word}", name, value))
-            if name in self.lengths and not plain(getattr(self, name)) > 0.0:
-                raise UserError(
-                    f"collider {self.word}: {name}={value} is out of range; accepted: a positive length [m]"
-                )
-
-    def pivot(self, like: Tensor) -> Tensor:
-        """About what it turns [m], (3,)."""
-        raise NotImplementedError
-
-    def distance(self, points: Points) -> tuple[Distances, Points]:
-        """Signed distance [m], negative inside, and outward unit normal, at points [m], (3, points)."""
-        raise NotImplementedError
-
-    def __deepcopy__(self, memo: object) -> "Shape":
-        return self  # a copy of a tensor would lose its derivatives
-
-    def key(self) -> tuple[object, ...]:
-        """What makes two shapes the same: their kind and numbers, and tensors by themselves."""
-        return (type(self), *_hashable(self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,162 +146,7 @@ class Cylinder(_AboutAxis):
         return distance, normal[0] * outward + normal[1] * torch.where(height < 0.0, -1.0, 1.0) * along
 
 
-@dataclass(frozen=True, eq=False)
-class Sampled(Shape):
-    """What a surface encloses: signed distances [m] of the nodes of a grid, (x, y, z), linear between them.
-
-    low      the first node [m]
-    spacing  of the nodes [m]
-
-    Outside of the grid the distance is a lower bound: the root of the squares of the distance to the grid and of that
-    of the surface from there.
-    """
-
-    distances: np.ndarray
-    low: Numbers
-    spacing: Number
-    word = "sampled"
-    lengths = ("spacing",)
-
-    def __post_init__(self) -> None:
-        distances = np.array(self.distances, dtype=np.float32)
-        if distances.ndim != 3 or min(distances.shape) < 2 or not np.isfinite(distances).all():
-            raise UserError(f"collider sampled: distances {distances.shape} are not finite numbers (x, y, z), from 2")
-        object.__setattr__(self, "low", tuple(scalars(as_vector("collider sampled", "low", self.low))))
-        object.__setattr__(self, "spacing", plain(as_number("collider sampled", "spacing", self.spacing)))
-        object.__setattr__(self, "distances", distances)
-        if not plain(self.spacing) > 0.0:
-            raise UserError(f"collider sampled: spacing={self.spacing} is out of range; accepted: above 0 m")
-
-    def pivot(self, like: Tensor) -> Tensor:
-        edges = like.new_tensor(self.distances.shape) - 1.0
-        return as_tensor(self.low, like) + 0.5 * self.spacing * edges
-
-    def distance(self, points: Points) -> tuple[Distances, Points]:
-        place = (points - as_tensor(self.low, points)[:, None]) / self.spacing
-        most = place.new_tensor(self.distances.shape)[:, None] - 1.0
-        within = torch.minimum(place.clamp_min(0.0), most)
-        value, slope = trilinear(_samples(self, points.device), within)
-        beyond = self.spacing * (place - within)
-        squared = beyond.square().sum(0)
-        out = squared > 0.0
-        from_out = value * torch.where(beyond == 0.0, slope / self.spacing, 0.0) + beyond
-        distance = torch.where(out, (torch.where(out, squared, 1.0) + value.square()).sqrt(), value)
-        return distance, _unit(torch.where(out, from_out, slope))
-
-    def key(self) -> tuple[object, ...]:
-        digest = hashlib.blake2b(self.distances.tobytes()).hexdigest()
-        return (type(self), digest, self.distances.shape, self.low, self.spacing)
-
-
-@lru_cache(maxsize=16)
-def _samples(shape: Sampled, device: torch.device) -> Float[Tensor, "x y z"]:
-    with torch.inference_mode(False):
-        return torch.from_numpy(shape.distances).to(device)
-
-
-@dataclass(frozen=True, eq=False)
-class SignedDistance(Shape):
-    """A function of positions [m], (points, 3), and the time [s], that gives signed distances [m], (points,).
-
-    It is asked in the frame of the domain: what moves, moves in the function.
-    """
-
-    function: Callable[[Tensor, float], Tensor]
-    word = "signed_distance"
-
-    def __post_init__(self) -> None:
-        if not callable(self.function):
-            raise UserError(f"collider signed_distance: {self.function!r} is not accepted; accepted: a function")
-
-    def pivot(self, like: Tensor) -> Tensor:
-        return like.new_zeros(3)
-
-    def distance_at(self, points: Points, time: float) -> tuple[Distances, Points]:
-        """As distance, at a time [s]; the normal is the gradient of the function."""
-        with torch.enable_grad():
-            places = points.detach().T.clone().requires_grad_()
-            distance = self._called(places, time)
-            if not isinstance(distance, Tensor) or distance.shape != places.shape[:1]:
-                raise UserError(
-                    f"collider signed_distance: of {len(places)} positions the function gave {_described(distance)}; "
-                    f"accepted: a tensor of ({len(places)},)"
-                )
-            if not distance.requires_grad:
-                raise UserError(
-                    "collider signed_distance: what the function gave does not depend on the positions; accepted: "
-                    "distances made of them by operations of PyTorch"
-                )
-            differentiated = _leaves(distance) - {places}
-            (slope,) = torch.autograd.grad(distance.sum(), places, create_graph=bool(differentiated))
-        if not differentiated or not torch.is_grad_enabled():
-            distance, slope = distance.detach(), slope.detach()
-        return distance, _unit(slope.T)
-
-    def _called(self, places: Tensor, time: float) -> object:
-        try:
-            return self.function(places, time)
-        except UserError:
-            raise
-        except Exception as error:  # whatever their code raises
-            raise UserError(f"collider signed_distance: the function fails: {type(error).__name__}: {error}") from error
-
-
-def _leaves(value: Tensor) -> set[Tensor]:
-    """The tensors that a value is differentiated with respect to."""
-    found: set[Tensor] = set()
-    seen, left = set(), [value.grad_fn]
-    while left:
-        node = left.pop()
-        if node is None or node in seen:
-            continue
-        seen.add(node)
-        leaf = getattr(node, "variable", None)
-        if leaf is not None:
-            found.add(leaf)
-        left += [below for below, _ in node.next_functions]
-    return found
-
-
 SHAPES: Mapping[str, type[Shape]] = {shape.word: shape for shape in (Plane, Sphere, Box, Capsule, Cylinder, Sampled)}
-# Cells of the grid along the longest edge of a mesh.
-MESH_CELLS, FEWEST_MESH_CELLS, MOST_MESH_CELLS = 64, 4, 256
-
-
-def of_mesh(
-    path: str | Path | tuple[Any, Any],
-    spacing: Real | None = None,
-    side: Real | None = None,
-    centre: Sequence[Real] | None = None,
-) -> Sampled:
-    """The inside of a watertight surface mesh.
-
-    path     of a file that trimesh reads, or vertices (V, 3) and triangles (F, 3)
-    spacing  of the nodes [m], at most; None: a 64th of the longest edge of the bounding box
-    side     that edge [m], to which the mesh is scaled; None: as in the file, in metres
-    centre   of the bounding box [m]; None: where it is
-    raises   UserError, one line, for whatever is wrong with the mesh
-    """
-    # trimesh and a search tree, which other shapes do without
-    from pcnclaws.geometry.mesh_distance import sampled_surface
-    from pcnclaws.geometry.mesh_sources import surface_of
-
-    what = "collider mesh"
-    surface = surface_of(path, f"{what}: path")
-    side = surface.unit if side is None else float(plain(as_number(what, "side", side)))
-    if not side > 0.0:
-        raise UserError(f"{what}: side={side} is out of range; accepted: above 0 m")
-    middle = surface.middle if centre is None else np.array(scalars(as_vector(what, "centre", centre)))
-    spacing = side / MESH_CELLS if spacing is None else float(plain(as_number(what, "spacing", spacing)))
-    if not side / MOST_MESH_CELLS <= spacing * (1.0 + 1e-9) or not spacing <= side / FEWEST_MESH_CELLS * (1.0 + 1e-9):
-        raise UserError(
-            f"{what}: spacing={spacing} is out of range; accepted: {side / MOST_MESH_CELLS:.3g} to "
-            f"{side / FEWEST_MESH_CELLS:.3g} m, for its longest edge of {side:.3g} m"
-        )
-    found = sampled_surface(surface, math.ceil(side / spacing * (1.0 - 1e-9)))
-    return Sampled(side * found.distances, tuple((middle + side * found.low).tolist()), side * found.spacing)
-
-
 # What options may say beside: it opens the file that they name.
 OPENING: Mapping[str, Callable[..., Shape]] = {"mesh": of_mesh}
 
@@ -538,7 +346,7 @@ class Collider:
         return hash(self._key())
 
     def _key(self) -> tuple[object, ...]:
-        return (self.shape.key(), *_hashable(self)[1:])
+        return (self.shape.key(), *hashable(self)[1:])
 
     @classmethod
     def _of(cls, shape: Shape, motion: Motion) -> "Collider":
@@ -559,13 +367,6 @@ def _check_names(where: str, given: Mapping[str, Any], own: set[str]) -> None:
     for name in given:
         if name not in known:
             raise unknown_name(where, name, known)
-
-
-def _unit(vectors: Points) -> Points:
-    """Vectors of length 1, 0 for those that are 0."""
-    squared = vectors.square().sum(0)
-    long = squared > 0.0
-    return torch.where(long, vectors / torch.where(long, squared, 1.0).sqrt(), 0.0)
 
 
 def _round(from_axis: Points, radius: Tensor) -> tuple[Distances, Points]:
@@ -598,13 +399,5 @@ def _may_move(vector: Numbers) -> bool:
     return isinstance(vector, Tensor) or any(vector)
 
 
-def _hashable(value: object) -> tuple[object, ...]:
-    return tuple(id(field) if isinstance(field, Tensor) else field for field in vars(value).values())
-
-
 def _same(value: object, default: object) -> bool:
     return not isinstance(value, Tensor) and value == default
-
-
-def _described(value: object) -> str:
-    return str(tuple(value.shape)) if isinstance(value, Tensor) else type(value).__name__

@@ -9,7 +9,8 @@ import torch
 from jaxtyping import Bool, Float
 from scipy.ndimage import binary_erosion
 
-from pcnclaws.mpm.colliders import Collider, Plane, SignedDistance
+from pcnclaws.mpm.colliders import Collider, Plane
+from pcnclaws.mpm.distance_fields import SignedDistance
 from pcnclaws.mpm.numbers import span_holds
 from pcnclaws.rendering.camera import Camera
 from pcnclaws.rendering.stage import LIGHT, rays_in_box

@@ -7,7 +7,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pcnclaws.mpm.colliders import Collider, SignedDistance
+from pcnclaws.mpm.colliders import Collider
+from pcnclaws.mpm.distance_fields import SignedDistance
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.tensor_types import Vectors
 

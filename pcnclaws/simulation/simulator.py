@@ -8,8 +8,11 @@ from torch import Tensor, nn
 
 from pcnclaws.compiled.calls import kernels_serve
 from pcnclaws.laws.analytic import Laws
-from pcnclaws.laws.base import TIME_STEP, Elasticity, FixedParameters, Law, Plasticity
+from pcnclaws.laws.base import Elasticity, Plasticity
+from pcnclaws.laws.fixed_parameters import FixedParameters
+from pcnclaws.laws.formulas import TIME_STEP
 from pcnclaws.laws.internal_variables import start_values, variables_of
+from pcnclaws.laws.law import Law
 from pcnclaws.laws.viscosity import Viscosity
 from pcnclaws.mpm.integrator import MPMIntegrator, TakeImpulses
 from pcnclaws.mpm.settings import SimulationSettings

@@ -15,7 +15,7 @@ from benchmarks.real_beam.problem import LAW
 from benchmarks.real_beam.runs import SOFTER, VISCOSITIES, YOUNG, plain
 from benchmarks.real_beam.scene import LENGTH, Tip
 from benchmarks.real_beam.surrogate import Family
-from pcnclaws.laws.base import TIME_STEP
+from pcnclaws.laws.formulas import TIME_STEP
 
 DOCS = Path(__file__).parents[2] / "docs"
 

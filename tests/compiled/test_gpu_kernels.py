@@ -23,8 +23,8 @@ from pcnclaws.compiled.backend import using_backend
 from pcnclaws.compiled.build import find_compiler
 from pcnclaws.compiled.isotropic_laws import isotropic_law
 from pcnclaws.compiled.structures import Corners, LawArrays
-from pcnclaws.laws.base import Law
 from pcnclaws.laws.elasticity import FixedCorotated, StVKHencky
+from pcnclaws.laws.law import Law
 from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.mpm.integrator import MPMIntegrator

@@ -21,8 +21,9 @@ from pcnclaws.compiled.structures import LawArrays
 from pcnclaws.data.hdf5 import read_scenes, write_scenes
 from pcnclaws.errors import UserError
 from pcnclaws.laws.analytic import analytic_laws
-from pcnclaws.laws.base import FixedParameters, Law
+from pcnclaws.laws.fixed_parameters import FixedParameters
 from pcnclaws.laws.internal_variables import start_values
+from pcnclaws.laws.law import Law
 from pcnclaws.laws.materials import Material
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.fast_paths import Skips
