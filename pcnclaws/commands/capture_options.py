@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from pcnclaws.commands.typed_configs import Observed
+from pcnclaws.commands.typed_groups import Observed
 from pcnclaws.data.length_units import UNITS
 from pcnclaws.data.motion_capture import Capture
 from pcnclaws.errors import UserError

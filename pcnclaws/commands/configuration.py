@@ -9,15 +9,8 @@ import torch
 from jaxtyping import Float
 
 from pcnclaws.commands.surroundings import domain_of, grid_spacing_from, surroundings_from
-from pcnclaws.commands.typed_configs import (
-    CalibrateConfig,
-    Computation,
-    Number,
-    Scene,
-    SimulateConfig,
-    SimulatingCommand,
-    Simulation,
-)
+from pcnclaws.commands.typed_configs import CalibrateConfig, Number, SimulateConfig, SimulatingCommand
+from pcnclaws.commands.typed_groups import Computation, Scene, Simulation
 from pcnclaws.compiled.backend import use_backend
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.geometry.shapes import PointCloud, mesh_particles, particles, spin_velocity

@@ -8,7 +8,8 @@ from jaxtyping import Float
 from pcnclaws.commands.capture_options import capture_of
 from pcnclaws.commands.configuration import affine_word, body_from, two_densities
 from pcnclaws.commands.surroundings import domain_of, grid_spacing_from, surroundings_from
-from pcnclaws.commands.typed_configs import EstimateConfig, ObservedSimulation, Scene
+from pcnclaws.commands.typed_configs import EstimateConfig
+from pcnclaws.commands.typed_groups import ObservedSimulation, Scene
 from pcnclaws.data.observation import Observation
 from pcnclaws.data.observation_files import from_record, from_table, observed_record
 from pcnclaws.errors import UserError

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from pcnclaws.commands.typed_configs import Scene
+from pcnclaws.commands.typed_groups import Scene
 from pcnclaws.errors import UserError
 
 TRAJECTORY, RESULT, TABLE = (".h5", ".hdf5"), (".json",), (".csv",)

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from pcnclaws.commands.typed_configs import MeasuredStress, TrainConfig
+from pcnclaws.commands.typed_configs import TrainConfig
+from pcnclaws.commands.typed_groups import MeasuredStress
 from pcnclaws.data.loading_paths import LoadingPath, matching, read_loading_paths
 from pcnclaws.errors import UserError
 

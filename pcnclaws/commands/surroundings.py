@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, TypeVar
 
-from pcnclaws.commands.typed_configs import Scene, ScenesSettings
+from pcnclaws.commands.typed_groups import Scene, ScenesSettings
 from pcnclaws.errors import UserError
 from pcnclaws.mpm.colliders import Collider
 from pcnclaws.mpm.loads import Load

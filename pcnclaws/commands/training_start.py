@@ -8,7 +8,8 @@ from operator import getitem
 from pcnclaws.commands.composition import file_options, stated_options
 from pcnclaws.commands.configuration import whole_number
 from pcnclaws.commands.typed import plain, typed
-from pcnclaws.commands.typed_configs import TrainConfig, Training
+from pcnclaws.commands.typed_configs import TrainConfig
+from pcnclaws.commands.typed_groups import Training
 from pcnclaws.errors import UserError
 from pcnclaws.simulation.motion import SceneSimulator
 from pcnclaws.simulation.records import SceneRecord

@@ -16,26 +16,24 @@ from pcnclaws.data.restart_files import Restart, read_restart, restart
 from pcnclaws.data.units import check_spacing
 from pcnclaws.errors import SimulationDiverged, UserError, unknown_name
 from pcnclaws.geometry.body import Body
-from pcnclaws.interface.given import Vector, all_of, check_frames, number, shown, vector
+from pcnclaws.interface.given import Vector, all_of, check_frames, shown, vector
 from pcnclaws.interface.motion import Motion
 from pcnclaws.interface.precision import Precision, precision_of
 from pcnclaws.interface.settings import Settings
+from pcnclaws.interface.start import checked_start
 from pcnclaws.laws.constitutive_model import ConstitutiveModel
 from pcnclaws.laws.given_values import Value, checked_values, of_particles
 from pcnclaws.laws.training_ranges import outside_training_data
 from pcnclaws.layout import particles_first, particles_last
 from pcnclaws.mpm.colliders import Collider
 from pcnclaws.mpm.loads import Load
-from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.batch import SceneBatch, batch_scenes
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.particle_spacing import warn_of_sparse_particles
-from pcnclaws.simulation.placement import require_inside, require_loaded, require_volume
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.restart import with_exact_masses
 from pcnclaws.simulation.rollout import positions_at
-from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.simulator import simulator_of
 from pcnclaws.simulation.time_step import stability_of
 
@@ -100,7 +98,16 @@ class Scene:
             vector("velocity", velocity, ((3,), (len(body), 3))), vector("spin", spin, ((3,),))
         )
         self._restart: Restart | None = None
-        self._start = self._checked_start()
+        self._start = checked_start(
+            body,
+            law.material,
+            replace(settings.simulation, colliders=self.colliders, loads=self.loads, start_time=start_time),
+            self._values,
+            name=self.name,
+            velocity=self._velocity,
+            affine=self._affine,
+            is_automatic=settings.is_automatic,
+        )
         self._said: set[object] = set()
 
     @property
@@ -270,42 +277,6 @@ class Scene:
         self._velocity = torch.from_numpy(later.velocity.astype(np.float64))
         affine = np.zeros((len(self.body), 3, 3)) if later.affine is None else later.affine.astype(np.float64)
         self._affine = torch.from_numpy(affine)
-
-    def _checked_start(self) -> SceneStart:
-        start_time = self._given["start_time"]
-        settings = replace(self.settings.simulation, colliders=self.colliders, loads=self.loads, start_time=start_time)
-        density, what = self.body.cloud.density, f"body '{self.body.name}'"
-        if density is not None and settings.density != SimulationSettings.density:
-            raise UserError(
-                f"simulation.density={settings.density:g} has no effect on particles that bring their density; "
-                "accepted: one of the two"
-            )
-        require_volume(self.body.cloud.volume, settings, what)
-        require_inside(self.body.cloud.position, settings, what)
-        require_loaded(self.body.cloud.position, settings, what)
-        varying = {
-            name: value.detach().double().cpu().numpy()
-            for name, value in self._values.items()
-            if isinstance(value, Tensor) and value.dim()
-        }
-        affine = self._affine.detach().numpy()
-        start = SceneStart(
-            self.name,
-            self.law.material.name,
-            settings,
-            {name: number(value) for name, value in self._values.items() if name not in varying},
-            position=self.body.cloud.position,
-            velocity=self._velocity.detach().numpy(),
-            volume=self.body.cloud.volume,
-            affine=affine if affine.any() else None,
-            density=density,
-            varying=varying,
-        )
-        if not self.settings.is_automatic:
-            return start
-        return replace(
-            start, settings=replace(settings, time_step=stability_of(start, self.law.material).automatic_time_step)
-        )
 
     def _check_run(self) -> None:
         """Refuses an unstable time step; says what is doubtful, once of a scene and of all that `with_` makes of it."""

@@ -1,13 +1,14 @@
 """Parameters that stay the same through a run."""
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from torch import Tensor
 
 from pcnclaws.tensor_types import Parameters
 
 
+@runtime_checkable
 class _WithKernelRows(Protocol):
     """A law, as far as its parameters know it."""
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pcnclaws.commands.capture_options import capture_of
-from pcnclaws.commands.typed_configs import Observed
+from pcnclaws.commands.typed_groups import Observed
 from pcnclaws.errors import UserError
 
 NOTHING = {"file": "a.csv", "scene": None, "units": None, "frame": None, "start": None, "window": None, "noise": None}
