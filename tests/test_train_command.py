@@ -105,7 +105,7 @@ def test_the_same_command_continues_a_killed_run_bit_for_bit(
     _kill_once(
         lambda: all((checkpoints / name).exists() for name in (LAST, PREVIOUS)), tmp_path, *options, "output=killed"
     )
-    assert not (tmp_path / "killed" / WEIGHTS).exists(), "it was not finished"
+    assert read_weights(tmp_path / "killed" / WEIGHTS)[1]["unfinished"], "the best so far may be used"
     shutil.copytree(tmp_path / "killed", tmp_path / "damaged")
     last = tmp_path / "damaged" / "checkpoints" / LAST
     last.write_bytes(last.read_bytes()[:5000])
@@ -120,6 +120,59 @@ def test_the_same_command_continues_a_killed_run_bit_for_bit(
         assert continued_notes == notes
         histories = [json.loads((tmp_path / name / METRICS).read_text())["history"] for name in ("whole", output)]
         assert histories[0] == histories[1]
+
+
+def test_a_finished_run_goes_on_for_more_iterations(
+    in_process: Callable[..., Outcome], positions_only: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    options = (*SMALL, f"data.trajectories={positions_only}", "output=run", "training.check_every=2")
+    options += ("training.segment_length.first=10", "training.segment_length.last=10")
+    short, long, odd = (f"training.iterations={count}" for count in (4, 8, 11))
+    assert in_process(train, "train", *options, short).status == 0
+    first = json.loads((tmp_path / "run" / METRICS).read_text())["history"]
+    refused = in_process(train, "train", *options, odd)
+    assert refused.status == 2
+    assert "the run has checks every 2 iterations; accepted: a multiple of 2" in refused.err
+    assert json.loads((tmp_path / "run" / METRICS).read_text())["history"] == first, "a refusal loses nothing"
+
+    done = in_process(train, "train", *options, long)
+    assert done.status == 0, done.err
+    assert "goes on to training.iterations=8" in done.out
+    history = json.loads((tmp_path / "run" / METRICS).read_text())["history"]
+    assert history["loss"][:4] == first["loss"]
+    assert history["check_iteration"] == [2, 4, 6, 8]
+    assert len(set(history["check_mse"])) == 4, "the learning rate, 0 at the end of the first run, is that of the whole"
+    assert "holds this run, finished" in in_process(train, "train", *options, long).out
+    fewer = in_process(train, "train", *options, short)
+    assert "training.iterations: 8 there, 4 asked for" in fewer.err
+
+
+def test_a_trained_law_is_fine_tuned_and_never_made_worse(
+    in_process: Callable[..., Outcome], positions_only: Path, tmp_path: Path
+) -> None:
+    options = (*SMALL, *SHORT, f"data.trajectories={positions_only}")
+    assert in_process(train, "train", *options, "model.width=4", "output=first").status == 0
+    first = json.loads((tmp_path / "first" / METRICS).read_text())
+    fine = ("training.init=first", "output=second")
+    own = [option for option in options if not option.startswith("model.")]
+    done = in_process(train, "train", *own, *fine, "training.learning_rate=3e-1")
+    assert done.status == 0, done.err
+    assert "model=pcnclaws (width=4), that of training.init=first" in done.out
+    second = json.loads((tmp_path / "second" / METRICS).read_text())
+    assert second["mse_before_training"] == first["mse"], "it begins with the trained law"
+    assert "made nothing better" in done.out
+    assert "which is kept" in done.out
+    before, after = (read_weights(tmp_path / run / WEIGHTS)[0] for run in ("first", "second"))
+    assert all(torch.equal(weight, after[name]) for name, weight in before.items())
+
+    for option, complaint in (
+        ("training.init=analytic", "accepted: pretrained, the path of a run folder or of a packaged law, or null"),
+        ("training.init=nowhere", "training.init=nowhere is not a folder"),
+        ("material=plasticine", "training.init=first was trained for material=elasticity, not plasticine"),
+        ("model.width=8", "training.init=first has model=pcnclaws (width=4), not pcnclaws (width=8)"),
+    ):
+        refused = in_process(train, "train", *own, "training.init=first", option, "output=third")
+        assert (refused.status, complaint in refused.err) == (2, True), refused.err
 
 
 def test_a_truncated_checkpoint_is_never_taken(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -35,6 +35,7 @@ CONFIG, WEIGHTS, METRICS, CHECKPOINTS, EVENTS = (
     "checkpoints",
     ("tensorboard", "csv", "wandb"),
 )
+ITERATIONS = "training.iterations"
 PRETRAINED = Path(pcnclaws.__file__).parent / "pretrained"
 
 
@@ -82,6 +83,13 @@ def _load(folder: Path, option: str) -> LoadedRun:
         model = _model_of(material, config, f"{option}={folder / CONFIG}")
     weights, notes = read_weights(folder / WEIGHTS)
     set_model_weights(model, weights, f"{option}={folder}")
+    if notes.get("unfinished"):
+        log.warning(
+            "%s=%s: the run is not finished; its weights are those of iteration %s, the best of its checks so far",
+            option,
+            folder,
+            notes.get("best_iteration"),
+        )
     return LoadedRun(material, model.requires_grad_(False), config, _ranges(notes, material))
 
 
@@ -158,6 +166,8 @@ def shipped_folder(material: Material) -> Path:
 def is_finished(folder: Path, config: Mapping[str, Any]) -> bool:
     """Whether the folder holds the finished run of this configuration; False for a new folder or an unfinished run.
 
+    A run that is asked for more iterations than it had is not finished.
+
     raises  UserError if the folder holds something else, or a run whose configuration differs
     """
     if folder.exists() and not folder.is_dir():
@@ -168,13 +178,19 @@ def is_finished(folder: Path, config: Mapping[str, Any]) -> bool:
         return False
     if not any((folder / name).exists() for name in (CHECKPOINTS, WEIGHTS)):
         return False
-    difference = _difference(read_config(folder), config)
+    there = read_config(folder)
+    difference = _difference(there, config)
     if difference:
         raise UserError(
             f"output={folder} holds a run of another configuration ({difference}); "
             "accepted: the same configuration, another output, or overwrite=true"
         )
-    return (folder / METRICS).is_file() and (folder / WEIGHTS).is_file()
+    return not _asks_for_more(there, config) and (folder / METRICS).is_file() and (folder / WEIGHTS).is_file()
+
+
+def goes_on(folder: Path, config: Mapping[str, Any]) -> bool:
+    """Whether the folder holds a run that is asked for more iterations than it was."""
+    return (folder / CONFIG).is_file() and _asks_for_more(read_config(folder), config)
 
 
 def run_errors(folder: Path) -> dict[str, float | None]:
@@ -194,6 +210,8 @@ def start_run(folder: Path, config: Mapping[str, Any], overwrite: bool = False) 
     """Claims a run folder for this configuration. overwrite removes what another run left in it."""
     if overwrite and (folder / CONFIG).is_file():
         _clear(folder)
+    elif goes_on(folder, config):
+        (folder / METRICS).unlink(missing_ok=True)  # until the longer run is finished, too
     with replaced_file(folder / CONFIG) as part:
         part.write(yaml.safe_dump(dict(config), sort_keys=False, encoding="utf-8"))
 
@@ -240,10 +258,16 @@ def _span(noted: Any, name: str) -> tuple[float, float]:
 def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     """The first option that differs, in words; empty if none does."""
     before, after = _flat(old), _flat(new)
+    more = _asks_for_more(old, new)
     for option in sorted(before.keys() | after.keys()):
-        if not is_free(option) and before.get(option) != after.get(option):
+        if not is_free(option) and not (more and option == ITERATIONS) and before.get(option) != after.get(option):
             return f"{option}: {before.get(option)} there, {after.get(option)} asked for"
     return ""
+
+
+def _asks_for_more(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
+    before, after = (_flat(config).get(ITERATIONS) for config in (old, new))
+    return isinstance(before, int) and isinstance(after, int) and 0 < before < after
 
 
 def _flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

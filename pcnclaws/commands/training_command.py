@@ -19,10 +19,11 @@ from pcnclaws.commands.configuration import (
     whole_number,
 )
 from pcnclaws.commands.data_sets import ready_data_set
+from pcnclaws.commands.initial_weights import beside_initial_data, initial_run, set_initial_weights, with_model_of
 from pcnclaws.commands.models import build_model
 from pcnclaws.commands.options import is_free, leaves
 from pcnclaws.commands.outputs import check_ending
-from pcnclaws.commands.runs import METRICS, WEIGHTS, is_finished, run_errors, start_run
+from pcnclaws.commands.runs import CHECKPOINTS, METRICS, WEIGHTS, goes_on, is_finished, run_errors, start_run
 from pcnclaws.commands.stress_training import train_on_stress
 from pcnclaws.commands.training_report import Report, against_untrained, write_report
 from pcnclaws.commands.training_setup import Setup, check_training, loop_from, regime_from, setup
@@ -34,6 +35,8 @@ from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import material_named
 from pcnclaws.provenance import commit
 from pcnclaws.simulation.motion import SceneSimulator
+from pcnclaws.training.callbacks import BestWeights
+from pcnclaws.training.checkpoints import check_interval, newest_checkpoint
 from pcnclaws.training.hyperparameters import log_hyperparameters
 from pcnclaws.training.sources import TrainingScenes, for_regime, generated_scenes, own_scenes
 from pcnclaws.training.trainer import FitResult, fit, quiet_lightning
@@ -65,7 +68,11 @@ def _train(config: TrainConfig) -> None:
     folder = Path(config.output)
     check_ending("output", folder)
     check_training(config)
+    initial = initial_run(config, material_named(config.material.name))
+    config, model_notes = with_model_of(initial, config)
     regime, model = regime_from(config), untrained_model(config)
+    if initial is not None:
+        set_initial_weights(model, initial)
     own = None if config.data.trajectories is None else for_regime(_own_scenes(config), regime, config.regime.scene)
     config, start_notes = settled_start(config, model, own and own.training)
     options = plain(config)
@@ -74,8 +81,10 @@ def _train(config: TrainConfig) -> None:
         return
 
     scenes = own or for_regime(_generated_scenes(config), regime, config.regime.scene)
-    prepared = setup(config, model, scenes)
-    for note in (*scenes.notes, *start_notes, *prepared.notes):
+    if initial is not None:
+        scenes = beside_initial_data(scenes, initial)
+    prepared = setup(config, model, scenes, _interval_before(config, folder, options))
+    for note in (*scenes.notes, *model_notes, *start_notes, *prepared.notes):
         console.print(note)
     start_run(folder, options, config.overwrite)
     untrained, untrained_mse = copy.deepcopy(model), _check_before(config, prepared, console)
@@ -87,6 +96,8 @@ def _train(config: TrainConfig) -> None:
         loop_from(config),
         console=console,
         clock=prepared.clock,
+        to_beat=None if initial is None else untrained_mse,
+        keep=lambda best: _keep(config, scenes, folder, best),
     )
 
     notes = _notes(config, scenes, fitted)
@@ -144,8 +155,29 @@ def _check_before(config: TrainConfig, prepared: Setup, console: Console) -> flo
     return mse
 
 
+def _interval_before(config: TrainConfig, folder: Path, options: Mapping[str, Any]) -> int | None:
+    """Iterations between the checks of a run that is asked for more iterations; None for all others."""
+    if config.overwrite or not goes_on(folder, options):
+        return None
+    checkpoint = newest_checkpoint(folder / CHECKPOINTS)
+    return None if checkpoint is None else check_interval(checkpoint)
+
+
+def _keep(config: TrainConfig, scenes: TrainingScenes, folder: Path, best: BestWeights) -> None:
+    """Writes the best weights so far, which may be used while the training goes on."""
+    write_weights(folder / WEIGHTS, best.weights, _origin(config, scenes, best) | {"unfinished": True})
+
+
 def _notes(config: TrainConfig, scenes: TrainingScenes, fitted: FitResult) -> dict[str, Any]:
     """What is kept beside the weights: what they are weights of, and how they came about."""
+    return _origin(config, scenes, fitted.best) | {
+        "iterations": _iterations(config, fitted),
+        "skipped_iterations": fitted.skipped,
+        "stopped": fitted.stopped,
+    }
+
+
+def _origin(config: TrainConfig, scenes: TrainingScenes, best: BestWeights) -> dict[str, Any]:
     return {
         "material": config.material.name,
         "regime": config.regime.name,
@@ -153,11 +185,9 @@ def _notes(config: TrainConfig, scenes: TrainingScenes, fitted: FitResult) -> di
         "positions_only": config.training.start == "initial",
         "training_scenes": len(scenes.training),
         "ranges": {name: list(span) for name, span in scenes.ranges.items()},
-        "iterations": _iterations(config, fitted),
-        "best_iteration": fitted.best.iteration,
-        "validation_mse": fitted.best.mse,
-        "skipped_iterations": fitted.skipped,
-        "stopped": fitted.stopped,
+        "init": config.training.init,
+        "best_iteration": best.iteration,
+        "validation_mse": best.mse,
     }
 
 

@@ -88,6 +88,8 @@ def _warning(report: Report) -> str | None:
     if report.notes.get("better_than_untrained") is not False:
         return None
     before, after = report.notes["validation_mse_before_training"], report.notes["validation_mse"]
+    if report.notes.get("init") is not None:
+        return f"warning: training made nothing better than the {before:.2e} m² of the law it began with, which is kept"
     return f"warning: training made nothing better: the checks give {after:.2e} m² after it, {before:.2e} m² before"
 
 

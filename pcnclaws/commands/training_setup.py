@@ -81,9 +81,12 @@ def loop_from(config: TrainConfig) -> Loop:
     )
 
 
-def setup(config: TrainConfig, model: SceneSimulator, scenes: TrainingScenes) -> Setup:
-    """What trains the model: by single steps where it learns from them, else its laws through the simulation."""
-    every, notes = _check_every(config)
+def setup(config: TrainConfig, model: SceneSimulator, scenes: TrainingScenes, check_every: int | None = None) -> Setup:
+    """What trains the model: by single steps where it learns from them, else its laws through the simulation.
+
+    check_every  iterations between the checks of a run that is to go on for longer, None for a new one
+    """
+    every, notes = _check_every(config) if check_every is None else _as_before(config, check_every)
     clock = WallClock(_budget(config))
     stepwise = model.one_step
     if stepwise is not None:
@@ -94,7 +97,7 @@ def setup(config: TrainConfig, model: SceneSimulator, scenes: TrainingScenes) ->
 
 
 def _simulated(config: TrainConfig, laws: Laws, scenes: TrainingScenes, check_every: int) -> Prepared:
-    show_deformations(laws.elasticity, scenes.training)
+    show_deformations(laws.elasticity, scenes.training, beside=config.training.init is not None)
     plan, second_order = _plan(config), config.training.method == "gauss_newton"
     precision = torch.float64 if second_order else precision_from(config.precision)
     data = TrajectoryDataModule(scenes.training, scenes.validation, plan, check_every, precision)
@@ -160,6 +163,17 @@ def _check_every(config: TrainConfig) -> tuple[int, tuple[str, ...]]:
     nearest = min(divisors, key=lambda n: abs(math.log(n / wanted)))
     note = f"checks every {nearest} iterations, which divides training.iterations={iterations}"
     return nearest, () if nearest == wanted else (note,)
+
+
+def _as_before(config: TrainConfig, every: int) -> tuple[int, tuple[str, ...]]:
+    """The check interval of a run that goes on, and a note."""
+    iterations = config.training.iterations
+    if iterations % every:
+        raise UserError(
+            f"training.iterations={iterations} is not accepted: the run has checks every {every} iterations; accepted: "
+            f"a multiple of {every}"
+        )
+    return every, (f"goes on to training.iterations={iterations}, with checks every {every}",)
 
 
 def _budget(config: TrainConfig) -> float | None:

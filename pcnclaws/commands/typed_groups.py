@@ -149,6 +149,7 @@ class Training:
     seconds: Unchecked
     noise: Number | None = None
     method: str = "adam"
+    init: Unchecked = None
 
 
 @dataclass(frozen=True)

@@ -51,8 +51,11 @@ class Law(nn.Module, ABC):
         if "physical_parameters" in cls.__dict__:
             cls.parameter_names = tuple(parameter.name for parameter in cls.physical_parameters)
 
-    def see(self, deformation: Matrices) -> None:
-        """Takes note of the deformations (3, 3, particles) of the motions that it will be trained on; nothing here."""
+    def see(self, deformation: Matrices, beside: bool = False) -> None:
+        """Takes note of the deformations (3, 3, particles) of the motions that it will be trained on; nothing here.
+
+        beside  what it has seen before counts, too
+        """
 
     def coefficients(self, parameters: Parameters) -> Mapping[str, Tensor]:
         """What the formulas read as p.<name>, each (particles,): made once for all steps. The parameters themselves."""

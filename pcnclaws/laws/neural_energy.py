@@ -65,12 +65,16 @@ class EnergyNet(Elasticity):
         self.amounts = ConditionedAmounts(condition, len(TERMS) * len(self.exponents))
         self.register_buffer("limits", torch.tensor(UNSEEN_LIMITS).repeat(len(TERMS), 1))
 
-    def see(self, deformation: Matrices) -> None:
+    def see(self, deformation: Matrices, beside: bool = False) -> None:
         strain = principal.strains(deformation)
         volume = strain.sum(0)
         of_terms = (strain.flatten(), (strain - volume / 3.0).flatten(), volume)
         ends = [torch.stack((-_reached(-one), _reached(one))) for one in of_terms]
-        self.limits.copy_(torch.stack(ends).clamp(*LARGEST_STRAINS))
+        limits = torch.stack(ends).clamp(*LARGEST_STRAINS)
+        if beside:
+            low, high = torch.minimum(limits, self.limits)[:, 0], torch.maximum(limits, self.limits)[:, 1]
+            limits = torch.stack((low, high), 1)
+        self.limits.copy_(limits)
 
     def coefficients(self, parameters: Parameters) -> Mapping[str, Tensor]:
         lam, mu = lame_constants(parameters)

@@ -1,6 +1,7 @@
 """Callbacks of a training run: the loss curve, the best weights, and a checkpoint after every validation."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -45,10 +46,13 @@ class History(Callback):
 
 
 class BestWeights(Callback):
-    """Remembers the weights of the check with the smallest error."""
+    """Remembers the weights of the check with the smallest error.
 
-    def __init__(self, model: nn.Module) -> None:
-        self.model = model
+    keep  called with itself whenever a check is better than those before it
+    """
+
+    def __init__(self, model: nn.Module, keep: Callable[["BestWeights"], None] | None = None) -> None:
+        self.model, self.keep = model, keep
         self.mse, self.iteration = math.inf, 0
         self.weights: dict[str, Tensor] = {}
 
@@ -57,6 +61,8 @@ class BestWeights(Callback):
         if mse < self.mse:
             self.mse, self.iteration = mse, trainer.global_step
             self.weights = model_weights(self.model)
+            if self.keep is not None:
+                self.keep(self)
 
     def state_dict(self) -> dict[str, Any]:
         return {"mse": self.mse, "iteration": self.iteration, "weights": self.weights}

@@ -63,6 +63,12 @@ class Resumption(Callback):
             ) from fault
 
 
+def check_interval(checkpoint: Path) -> int:
+    """Iterations between two checks of the run that left a checkpoint."""
+    found = AtomicCheckpointIO().load_checkpoint(checkpoint)
+    return int(found["global_step"]) // (int(found["epoch"]) + 1)
+
+
 def newest_checkpoint(folder: Path) -> Path | None:
     """The newest checkpoint of a folder that can be read whole; None if there is none.
 

@@ -25,6 +25,7 @@ from pcnclaws.simulation.rollout import differentiable_rollout
 from pcnclaws.simulation.scenes import start_of
 from pcnclaws.simulation.simulator import Simulator, simulator_of
 from pcnclaws.training.losses import position_loss, relative_position_loss, unstressed_positions
+from pcnclaws.training.schedule import cosine_schedule
 from pcnclaws.training.watched import WatchedModule
 
 log = logging.getLogger(__name__)
@@ -157,9 +158,7 @@ class ConstitutiveModule(WatchedModule):
 
     def configure_optimizers(self) -> Any:
         optimiser = torch.optim.Adam(self._parameter_groups(), lr=self.settings.learning_rate)
-        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(
-            optimiser, T_max=self.iterations, eta_min=self.settings.final_learning_rate
-        )
+        schedule = cosine_schedule(optimiser, self.iterations, self.settings.final_learning_rate)
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
     def configure_gradient_clipping(

@@ -87,15 +87,18 @@ def can_restart(record: SceneRecord) -> bool:
     return bool(((step > 0) & (step < record.frame_steps()[-1])).any())
 
 
-def show_deformations(law: Elasticity, records: Sequence[SceneRecord]) -> None:
-    """Shows the law the deformations of the recorded full states, if there are any; some thousand particles of each."""
+def show_deformations(law: Elasticity, records: Sequence[SceneRecord], beside: bool = False) -> None:
+    """Shows the law the deformations of the recorded full states, if there are any; some thousand particles of each.
+
+    beside  what the law has seen before counts, too
+    """
     states = [record.keyframes.deformation for record in records if record.keyframes is not None]
     if not states:
         return
     each = max(1, DEFORMATIONS // len(states))
     flat = [one.reshape(-1, 3, 3) for one in states]
     some = np.concatenate([one[:: max(1, len(one) // each)] for one in flat])
-    law.see(torch.from_numpy(some.astype(np.float64)).permute(1, 2, 0).contiguous())
+    law.see(torch.from_numpy(some.astype(np.float64)).permute(1, 2, 0).contiguous(), beside)
 
 
 def _spans(records: Sequence[SceneRecord], names: Iterable[str]) -> dict[str, tuple[float, float]]:

@@ -2,7 +2,7 @@
 
 import logging
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,6 +47,8 @@ def fit(
     *,
     console: Console | None = None,
     clock: WallClock | None = None,
+    keep: Callable[[BestWeights], None] | None = None,
+    to_beat: float | None = None,
 ) -> FitResult:
     """Trains the module's model and leaves the best weights in them; without iterations, checks them as they are.
 
@@ -54,12 +56,16 @@ def fit(
 
     folder    the run folder: checkpoints and what the logger keeps go there, and an unfinished run is continued
     clock     what may end the run before its iterations do
+    to_beat   error of the model as it is, for a trained one: its weights are kept unless a check is better
+    keep      called with the best weights so far whenever a check is better than those before it
     raises    SimulationDiverged if no check of the run was finite
     """
     if data.iterations == 0:
         return _untrained(module, data)
     console = console or Console()
-    history, best = History(), BestWeights(module.model)
+    history, best = History(), BestWeights(module.model, keep)
+    if to_beat is not None:
+        best.mse, best.weights = to_beat, model_weights(module.model)
     checkpoints = folder / "checkpoints"
     checkpoint = newest_checkpoint(checkpoints)
     resumption = Resumption(checkpoint)

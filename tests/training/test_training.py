@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import torch
 from rich.console import Console
+from torch.optim.lr_scheduler import CosineAnnealingLR
 from training_bodies import Scaled, recorded
 
 from pcnclaws.data.datamodule import TrajectoryDataModule
@@ -24,6 +25,7 @@ from pcnclaws.tensor_types import Matrices, Parameters
 from pcnclaws.training import watched
 from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
+from pcnclaws.training.schedule import cosine_schedule, lengthen
 from pcnclaws.training.single_scene import SingleSceneModule
 from pcnclaws.training.trainer import FitResult, fit
 from pcnclaws.training.weights import model_weights
@@ -193,3 +195,21 @@ def test_progress_says_where_the_run_is(records: list[SceneRecord], tmp_path: Pa
 def test_nonsense_optimiser_settings_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(UserError, match=message):
         OptimiserSettings(**options)
+
+
+def test_a_longer_schedule_of_learning_rates_is_that_of_a_run_that_was_so_long_from_the_start() -> None:
+    def rates(schedule: CosineAnnealingLR, count: int) -> list[float]:
+        found = []
+        for _ in range(count):
+            schedule.optimizer.step()
+            schedule.step()
+            found.append(schedule.optimizer.param_groups[0]["lr"])
+        return found
+
+    def schedule(iterations: int) -> CosineAnnealingLR:
+        return cosine_schedule(torch.optim.Adam([torch.zeros(1, requires_grad=True)], lr=0.1), iterations, 0.01)
+
+    short, whole = schedule(5), schedule(12)
+    assert rates(short, 5)[-1] == pytest.approx(0.01)
+    lengthen(short, 12)
+    assert rates(short, 7) == pytest.approx(rates(whole, 12)[5:])
