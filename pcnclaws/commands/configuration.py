@@ -59,6 +59,7 @@ def settings_from(
         density=float(simulation.density),
         domain=domain_of(simulation.domain),
         friction=float(simulation.friction),
+        transfer=simulation.transfer,
         **({} if scene is None else surroundings_from(scene)),
     )
     settings.require_walls_that_hold()

@@ -93,7 +93,8 @@ def _observed_affine(scene: Scene, observation: Observation) -> Float[np.ndarray
 
 def _observed_settings(simulation: ObservedSimulation, scene: Scene, own: SimulationSettings) -> SimulationSettings:
     """The observation's settings with what `simulation.*` says instead."""
-    names = ("time_step", "grid_spacing", "wall_distance", "gravity", "boundary", "density", "friction", "domain")
+    of_grid = ("time_step", "domain", "grid_spacing", "wall_distance", "transfer")
+    names = (*of_grid, "gravity", "boundary", "density", "friction")
     given = {name: value for name in names if (value := getattr(simulation, name)) is not None}
     if "gravity" in given:
         given["gravity"] = tuple(float(component) for component in given["gravity"])

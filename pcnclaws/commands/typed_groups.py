@@ -81,6 +81,7 @@ class ScenesSettings(FileSimulation):
     boundary: Unchecked
     friction: Unchecked
     density: Unchecked
+    transfer: Unchecked
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ OF_GENERATED_DATA = (
         f"simulation.{name}"
         for name in (
             *("time_step", "steps", "every", "grid_spacing", "grid_nodes", "wall_distance", "gravity", "boundary"),
-            *("density", "domain", "friction"),
+            *("density", "domain", "friction", "transfer"),
         )
     ),
     "data.folder",

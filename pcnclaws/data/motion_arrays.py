@@ -11,7 +11,7 @@ from pcnclaws.errors import UserError
 from pcnclaws.laws.parameters import PARAMETERS
 from pcnclaws.simulation.records import SceneRecord
 
-WORDS = ("name", "material", "boundary")
+WORDS = ("name", "material", "boundary", "transfer")
 # Arrays that are the same in all frames.
 FIXED = tuple(name for name in READ if name != "velocity" and name not in PARAMETERS)
 

@@ -9,12 +9,13 @@ import numpy as np
 from pcnclaws.errors import UserError
 from pcnclaws.laws.parameters import PARAMETERS, validate_parameters
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.mpm.transfer_orders import APIC
 from pcnclaws.simulation.records import SceneRecord
 
 # What begins the line of text.
 MARK = "pcnclaws"
 NUMBERS = ("time_step", "grid_spacing", "wall_distance", "density", "friction", "start_time")
-SETTINGS = (*NUMBERS, "gravity", "domain", "boundary")
+SETTINGS = (*NUMBERS, "gravity", "domain", "boundary", "transfer")
 # Longest accepted line: it is no place for data.
 LONGEST = 20_000
 
@@ -25,6 +26,7 @@ def notes_of(record: SceneRecord) -> dict[str, Any]:
     numbers = {name: float(getattr(settings, name)) for name in NUMBERS}
     domain = settings.domain and [list(corner) for corner in settings.domain]
     words = {"name": record.name, "material": record.material, "boundary": settings.boundary}
+    words |= {"transfer": settings.transfer} if settings.transfer != APIC else {}
     parameters = {name: float(value) for name, value in record.parameters.items()}
     return words | numbers | {"gravity": list(settings.gravity), "domain": domain} | parameters
 
@@ -67,6 +69,8 @@ def settings_from_notes(notes: Mapping[str, Any], where: str) -> SimulationSetti
         )
     if "boundary" in notes:
         given["boundary"] = str(notes["boundary"])
+    if "transfer" in notes:
+        given["transfer"] = str(notes["transfer"])
     try:
         return SimulationSettings(**given)
     except UserError as fault:

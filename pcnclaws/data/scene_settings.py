@@ -15,6 +15,7 @@ from pcnclaws.mpm.colliders import Collider
 from pcnclaws.mpm.contact import CONTACTS, VERSION_1_STICK
 from pcnclaws.mpm.loads import Load
 from pcnclaws.mpm.settings import UNIT_BOX, SimulationSettings
+from pcnclaws.mpm.transfer_orders import APIC, require_transfer
 
 VERSIONS = (1, 2)
 # What version 1 calls the contacts of its walls.
@@ -24,7 +25,8 @@ WALLS = 6
 
 def version_of(settings: SimulationSettings) -> int:
     """The first version of the format that can hold these settings."""
-    others = settings.friction > 0.0 or settings.colliders or settings.loads or settings.start_time
+    around = settings.friction > 0.0 or settings.colliders or settings.loads or settings.start_time
+    others = around or settings.transfer != APIC
     known = settings.domain == UNIT_BOX and settings.boundary in VERSION_1_WORDS.values()
     return 1 if known and not others else 2
 
@@ -36,6 +38,7 @@ def described_settings(settings: SimulationSettings) -> dict[str, Any]:
     if version_of(settings) == 1 and settings.cells is not None:
         return same | {"grid_nodes": settings.cells[0], "boundary": _version_1_word(settings)}
     later = {"start_time": settings.start_time} if settings.start_time else {}
+    later |= {"transfer": settings.transfer} if settings.transfer != APIC else {}
     return (
         same
         | later
@@ -68,6 +71,8 @@ def write_settings(group: h5py.Group, settings: SimulationSettings, version: int
     group.attrs["friction"] = settings.friction
     if settings.start_time:
         group.attrs["start_time"] = settings.start_time
+    if settings.transfer != APIC:
+        group.attrs["transfer"] = settings.transfer
     if settings.domain is not None:
         group.attrs["domain"] = np.array(settings.domain)
     for name, things in (("colliders", settings.colliders), ("loads", settings.loads)):
@@ -127,7 +132,16 @@ def _read_version_2(group: GuardedGroup) -> SimulationSettings:
         colliders=tuple(colliders),
         loads=tuple(loads),
         start_time=group.number("start_time") if group.has_attribute("start_time") else 0.0,
+        transfer=_read_transfer(group),
     )
+
+
+def _read_transfer(group: GuardedGroup) -> str:
+    if not group.has_attribute("transfer"):
+        return APIC
+    transfer = group.text("transfer")
+    require_transfer("@transfer", transfer)
+    return transfer
 
 
 def _read_all(group: GuardedGroup, name: str) -> list[dict[str, Any]]:

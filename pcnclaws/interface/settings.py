@@ -26,6 +26,7 @@ class Settings:
     boundary       contact of the walls: "separate", "slip" or "sticky"
     friction       Coulomb's coefficient of friction of the walls [-]
     density        [kg/m^3]
+    transfer       between particles and grid: "apic", or "axpic2" to "axpic4", which damp less
     raises         UserError for unknown names with the nearest known one, and for values that are not accepted
     """
 
@@ -41,6 +42,7 @@ class Settings:
         boundary: str = PAPER.boundary,
         friction: float | int = PAPER.friction,
         density: float | int = PAPER.density,
+        transfer: str = PAPER.transfer,
         **unknown: Any,
     ) -> None:
         for name in unknown:
@@ -57,6 +59,7 @@ class Settings:
             density=_number("density", density),
             domain=box,
             friction=_number("friction", friction),
+            transfer=transfer,
         )
         self.simulation.require_walls_that_hold()
 

@@ -1,13 +1,15 @@
 """The MLS-MPM step. This file is the method; the others of this folder are its vocabulary."""
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from pcnclaws.compiled.backend import configured_backend
 from pcnclaws.compiled.calls import kernels_serve
 from pcnclaws.compiled.split_step import from_grid, to_grid
 from pcnclaws.compiled.step import StepSettings
@@ -26,8 +28,11 @@ from pcnclaws.mpm.loads import load_acceleration
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.shape_functions import quadratic_stencil
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.mpm.transfer import grid_to_particles, particles_to_grid
+from pcnclaws.mpm.transfer import Sent, grid_to_particles, node_velocities, sent_to_grid
+from pcnclaws.mpm.transfer_orders import APIC
 from pcnclaws.tensor_types import Matrices
+
+log = logging.getLogger(__name__)
 
 Impulses = Float[Tensor, "colliders scenes 3"]
 TakeImpulses = Callable[[Impulses], None]
@@ -36,7 +41,7 @@ WALL_CONTACTS = ("separate", "stick of version 1", "slip", "sticky")
 
 
 class MPMIntegrator(nn.Module):
-    """One explicit MLS-MPM step with APIC velocities, quadratic B-splines and symplectic Euler.
+    """One explicit MLS-MPM step with APIC or affine XPIC velocities, quadratic B-splines and symplectic Euler.
 
     source  Hu et al. 2018, "A moving least squares material point method with displacement discontinuity
             and two-way rigid body coupling"
@@ -52,6 +57,9 @@ class MPMIntegrator(nn.Module):
         self._plain = replace(settings, colliders=(), loads=())
         self._walls = b"" if settings.domain is None else axis_walls(self.grid, settings)
         self._of_whole_grid = self._kernel_settings(self.grid)
+        self._has_kernels = settings.transfer == APIC
+        if not self._has_kernels and configured_backend() != "torch":
+            _tell_of_no_kernels(settings.transfer)
 
     def forward(
         self,
@@ -68,7 +76,7 @@ class MPMIntegrator(nn.Module):
         take_impulses  is given the impulses of the colliders [N s]
         """
         state = self._loaded(state, scenes, step)
-        served = kernels_serve(state.position, (*state[1:4], stress), scenes.constants)
+        served = self._has_kernels and kernels_serve(state.position, (*state[1:4], stress), scenes.constants)
         bodies = (scenes.scene_index, *scenes.constants)
         if served and not self._on_grid:
             grid = self._grid(state, by_kernel=True)
@@ -87,10 +95,8 @@ class MPMIntegrator(nn.Module):
         stencil = quadratic_stencil(state.position, scenes.scene_index, grid, _offsets(grid, state.position.device))
 
         # particles to grid: the stress acts on the initial volume and joins the affine momentum
-        affine_momentum = scenes.mass * state.affine - (dt * 4.0 / dx**2) * scenes.volume * stress
-        nodes = particles_to_grid(
-            stencil, scenes.mass, scenes.mass * state.velocity, affine_momentum, dx, scenes.scene_count * grid.size
-        )
+        sent = Sent(scenes.mass, state.velocity, state.affine, (dt * 4.0 / dx**2) * scenes.volume * stress)
+        nodes = sent_to_grid(stencil, sent, self.settings.transfer_order, dx, scenes.scene_count * grid.size)
         velocity = self._moved(nodes, grid, scenes, step, take_impulses)
 
         # grid to particles: move with the grid, deform with its gradient
@@ -102,7 +108,8 @@ class MPMIntegrator(nn.Module):
     @property
     def is_recordable(self) -> bool:
         """Whether steps are the same work at all times, on arrays of the same sizes."""
-        return not self._on_grid and not self.settings.loads and self.grid.size <= MOST_WHOLE
+        of_one_size = not self._on_grid and not self.settings.loads and self.grid.size <= MOST_WHOLE
+        return of_one_size and self._has_kernels
 
     def kernel_settings(self, grid: Grid) -> StepSettings:
         """What the kernels need to know of a step on this part of the grid."""
@@ -152,7 +159,7 @@ class MPMIntegrator(nn.Module):
     ) -> Float[Tensor, "3 nodes"]:
         """Velocity of the nodes after gravity, walls and colliders [m/s], from their momentum and mass."""
         settings = self.settings
-        velocity = self._velocity(nodes).unflatten(1, (scenes.scene_count, grid.size))
+        velocity = node_velocities(nodes).unflatten(1, (scenes.scene_count, grid.size))
         velocity = velocity + settings.time_step * scenes.gravity[:, :, None]
         if settings.domain is not None:
             walls = _walls_of(grid, self._plain, nodes.device)
@@ -168,16 +175,10 @@ class MPMIntegrator(nn.Module):
                 take_impulses(impulses)
         return velocity.flatten(1)
 
-    @staticmethod
-    def _velocity(nodes: Tensor) -> Tensor:
-        """Momentum over mass wherever there is mass, (3, nodes).
 
-        Masses so small that dividing by them could overflow in the backward pass count as none: such a node
-        has a weight below 1e-30 in everything it gives back.
-        """
-        momentum, mass = nodes[:3], nodes[3]
-        occupied = mass > torch.finfo(mass.dtype).tiny * 1e3
-        return torch.where(occupied, momentum / torch.where(occupied, mass, 1.0), 0.0)
+@cache
+def _tell_of_no_kernels(transfer: str) -> None:
+    log.warning("simulation.transfer=%s has no compiled kernels: steps run in PyTorch, several times slower", transfer)
 
 
 @lru_cache(maxsize=16)

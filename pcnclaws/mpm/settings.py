@@ -10,6 +10,7 @@ from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.mpm.colliders import Collider
 from pcnclaws.mpm.contact import CONTACTS, VERSION_1_STICK, require_friction
 from pcnclaws.mpm.loads import Load
+from pcnclaws.mpm.transfer_orders import APIC, TRANSFERS, require_transfer
 
 Corner: TypeAlias = tuple[float, float, float]
 Domain: TypeAlias = tuple[Corner, Corner]
@@ -39,6 +40,7 @@ class SimulationSettings:
     colliders      obstacles, which act on the grid in this order, after the walls
     loads          forces and accelerations on parts of the bodies
     start_time     time of the first step [s] by which colliders move and loads act
+    transfer       between particles and grid: one of TRANSFERS, see mpm/transfer.py
     """
 
     time_step: float = 5e-4
@@ -52,6 +54,7 @@ class SimulationSettings:
     colliders: tuple[Collider, ...] = ()
     loads: tuple[Load, ...] = ()
     start_time: float = 0.0
+    transfer: str = APIC
 
     def __post_init__(self) -> None:
         _require_positive("simulation.time_step", self.time_step)
@@ -65,6 +68,7 @@ class SimulationSettings:
         start = self.start_time
         if isinstance(start, bool) or not isinstance(start, (int, float)) or not math.isfinite(start):
             raise UserError(f"scene.start_time={start} is not accepted; accepted: a finite number [s]")
+        require_transfer("simulation.transfer", self.transfer)
         if self.domain is not None:
             self._check_domain(self.domain)
 
@@ -109,6 +113,11 @@ class SimulationSettings:
     def tensors(self) -> list[Tensor]:
         """The numbers of colliders and loads that are tensors, which may carry derivatives."""
         return [value for owner in (*self.colliders, *self.loads) for value in owner.tensors()]
+
+    @property
+    def transfer_order(self) -> int:
+        """Order of the affine XPIC of the transfer, 1 for APIC."""
+        return TRANSFERS[self.transfer]
 
     @property
     def changes(self) -> bool:

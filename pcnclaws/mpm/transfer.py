@@ -1,4 +1,19 @@
-"""Particle to grid and back: MLS-MPM with APIC affine velocities, as vectorised scatter-add and gather."""
+"""Particle to grid and back: MLS-MPM with affine velocities, as vectorised scatter-add and gather.
+
+APIC loses in each step what velocities and gradients of particles do not hold of those of the grid, so that many short
+steps damp more than few long ones. Affine XPIC gives most of it back. With v_0 the velocities of the nodes by APIC,
+and A their way to the particles and back to the grid, which leaves affine motions as they are and makes none larger,
+
+    v* = v_0 + (I - A) v_0 + ... + (I - A)^(m-1) v_0
+
+Where APIC loses a share e of a motion in a step, this loses e^m. Linear and angular momentum are those of APIC in every
+order m, since the terms after the first have none.
+
+source  Hammerquist and Nairn 2017, "A new method for material point method particle updates that reduces noise and
+        enhances stability": XPIC(m), with velocities of particles alone in the place of velocities and gradients
+"""
+
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -9,6 +24,54 @@ from pcnclaws.tensor_types import Matrices, Scalars, Vectors
 
 # The 27 stencil nodes as 3 x 3 x 3, and the position of a node relative to the middle one in units of dx.
 STENCIL_SHAPE = (3, 3, 3)
+
+
+class Sent(NamedTuple):
+    """What particles give to the grid.
+
+    mass      [kg], (particles,)
+    velocity  v [m/s], (3, particles)
+    affine    C [1/s], (3, 3, particles)
+    pull      what their stress takes from their affine momentum in the step, dt V 4/dx^2 tau [kg/s], (3, 3, particles)
+    """
+
+    mass: Scalars
+    velocity: Vectors
+    affine: Matrices
+    pull: Matrices
+
+
+def sent_to_grid(stencil: Stencil, sent: Sent, order: int, spacing: float, grid_size: int) -> Float[Tensor, "4 nodes"]:
+    """Momentum (3 rows) and mass (last row) of every grid node, by affine XPIC.
+
+    The stress acts once, as in APIC: forces are those of the mass of the nodes.
+
+    order    m, 1 for APIC
+    returns  [kg m/s] and [kg], (4, nodes)
+    """
+    mass = sent.mass
+    own = mass * sent.affine
+    if order == 1:
+        return particles_to_grid(stencil, mass, mass * sent.velocity, own - sent.pull, spacing, grid_size)
+    nodes = particles_to_grid(stencil, mass, mass * sent.velocity, own, spacing, grid_size)
+    momentum, part = nodes[:3], nodes
+    for left in range(order - 1, 0, -1):
+        velocity, affine = grid_to_particles(stencil, node_velocities(part), spacing)
+        back = mass * affine if left > 1 else mass * affine + sent.pull
+        part = part - particles_to_grid(stencil, mass, mass * velocity, back, spacing, grid_size)
+        momentum, part = momentum + part[:3], torch.cat((part[:3], nodes[3:]))
+    return torch.cat((momentum, nodes[3:]))
+
+
+def node_velocities(nodes: Float[Tensor, "4 nodes"]) -> Float[Tensor, "3 nodes"]:
+    """Momentum over mass wherever there is mass [m/s], (3, nodes).
+
+    Masses so small that dividing by them could overflow in the backward pass count as none: such a node
+    has a weight below 1e-30 in everything it gives back.
+    """
+    momentum, mass = nodes[:3], nodes[3]
+    occupied = mass > torch.finfo(mass.dtype).tiny * 1e3
+    return torch.where(occupied, momentum / torch.where(occupied, mass, 1.0), 0.0)
 
 
 def particles_to_grid(

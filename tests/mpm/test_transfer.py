@@ -1,5 +1,7 @@
 """What the transfers and a free step conserve."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from bodies import (
@@ -21,6 +23,7 @@ from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.shape_functions import quadratic_stencil
 from pcnclaws.mpm.state import ParticleState
 from pcnclaws.mpm.transfer import grid_to_particles, particles_to_grid
+from pcnclaws.mpm.transfer_orders import TRANSFERS
 from pcnclaws.simulation.rollout import simulate
 
 WEIGHTLESS = SimulationSettings(gravity=NO_GRAVITY)
@@ -48,11 +51,12 @@ def test_transfers_back_reproduce_a_linear_velocity_field() -> None:
     torch.testing.assert_close(affine, gradient[:, :, None].expand_as(affine), rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("transfer", ["apic", "axpic3"])
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
-def test_a_step_without_gravity_conserves_momentum_even_under_stress(dtype: torch.dtype) -> None:
+def test_a_step_without_gravity_conserves_momentum_even_under_stress(dtype: torch.dtype, transfer: str) -> None:
     state, scenes = moving_body()
     state, scenes = in_precision(state, dtype), in_precision(scenes, dtype)
-    step = analytic_simulator("elasticity", WEIGHTLESS).step_function(
+    step = analytic_simulator("elasticity", replace(WEIGHTLESS, transfer=transfer)).step_function(
         scenes, per_particle(MATERIALS["elasticity"].defaults, PARTICLES, dtype)
     )
     after = simulate(step, state, scenes, 50, every=50)
@@ -61,13 +65,15 @@ def test_a_step_without_gravity_conserves_momentum_even_under_stress(dtype: torc
     assert change.abs().max() / scale < 20 * torch.finfo(dtype).eps
 
 
+@pytest.mark.parametrize("transfer", TRANSFERS)
 @pytest.mark.parametrize("elastic", [False, True], ids=["no stress", "elastic"])
-def test_free_rotation_conserves_angular_momentum_with_its_affine_part(elastic: bool) -> None:
+def test_free_rotation_conserves_angular_momentum_with_its_affine_part(elastic: bool, transfer: str) -> None:
     state, scenes = moving_body()
     spin = spinning(state.position, (0.3, -0.2, 0.1), (2.0, -5.0, 8.0))
     state = ParticleState.at_rest_shape(state.position, spin)
-    integrator = MPMIntegrator(WEIGHTLESS)
-    elastic_step = analytic_simulator("elasticity", WEIGHTLESS).step_function(
+    settings = replace(WEIGHTLESS, transfer=transfer)
+    integrator = MPMIntegrator(settings)
+    elastic_step = analytic_simulator("elasticity", settings).step_function(
         scenes, per_particle(MATERIALS["elasticity"].defaults, PARTICLES)
     )
     at_start = angular_momentum(state, scenes, integrator.grid.spacing)
