@@ -60,9 +60,9 @@ def kernel_of(law: Law) -> LawKernel:
 
 
 def simulator_of(
-    material: str, kind: str, boundary: str = "separate", width: int = 64, window: bool = True
+    material: str, kind: str, boundary: str = "separate", width: int = 64, window: bool = True, transfer: str = "apic"
 ) -> Simulator:
-    settings = SimulationSettings(boundary=boundary)
+    settings = SimulationSettings(boundary=boundary, transfer=transfer)
     laws = laws_of(material, kind, width)
     return Simulator(laws.elasticity, laws.plasticity, MPMIntegrator(settings, window)).double()
 

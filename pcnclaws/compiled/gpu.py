@@ -32,6 +32,21 @@ class _Moved(ctypes.Structure):
     _fields_ = (("velocity", ctypes.c_void_p), ("affine", ctypes.c_void_p))
 
 
+# What comes back of a term of affine XPIC: Return in source/terms.hpp.
+ADJOINT, TERM, LAST_TERM = range(3)
+MOST_RETURNS = 3
+
+
+class _Terms(ctypes.Structure):
+    """Terms in source/terms.hpp."""
+
+    _fields_ = (
+        ("count", ctypes.c_int64),
+        ("velocity", ctypes.c_void_p * MOST_RETURNS),
+        ("gradient", ctypes.c_void_p * MOST_RETURNS),
+    )
+
+
 @runtime_checkable
 class DescribedStep(Protocol):
     """The settings of a step: StepSettings of pcnclaws/compiled/step.py."""
@@ -44,6 +59,11 @@ class DescribedStep(Protocol):
     @property
     def size(self) -> int:
         """Nodes of a scene."""
+        ...
+
+    @property
+    def order(self) -> int:
+        """Of the affine XPIC of the transfer, 1 for APIC."""
         ...
 
     def described(self, walls: int | None, window: bool) -> Settings:
@@ -127,15 +147,13 @@ def step_adjoint(
     kernels.each_particle("scatter_gradient", kernels.state, given, address(node_gradients))
     kernels.each_node("adjoint_nodes", address(nodes.momentum), address(node_gradients))
     after = _Moved(velocity.data_ptr(), affine.data_ptr())
-    arrays = address(nodes.moved), address(node_gradients), _fields(gradient)
-    kernels.each_particle("gather_gradient", kernels.state, after, given, *arrays)
+    kernels.gather_gradient(Nodes(node_gradients, nodes.moved), after, given, _fields(gradient))
     return gradient
 
 
 def step_to_grid(step: StepInput, nodes: Tensor) -> None:
     """Momentum and mass of the nodes into nodes, 0 before, (nodes of all scenes, 4)."""
-    kernels = _Step(step)
-    kernels.each_particle("scatter_state", kernels.state, address(nodes))
+    _Step(step).to_grid(nodes)
 
 
 def step_from_grid(step: StepInput, velocities: Tensor, after: tuple[Tensor, ...]) -> None:
@@ -160,8 +178,7 @@ def step_gather_gradient(
     """Gradients of the five fields of the state into `gradient`; nodes: gradients at momentum and mass, velocities."""
     kernels = _Step(step)
     moved = _Moved(after[1].data_ptr(), after[2].data_ptr())
-    arrays = address(nodes.moved), address(nodes.momentum), _fields(gradient)
-    kernels.each_particle("gather_gradient", kernels.state, moved, _fields(incoming), *arrays)
+    kernels.gather_gradient(nodes, moved, _fields(incoming), _fields(gradient))
 
 
 def failing(position: Tensor, deformation: Tensor, domain: Corners) -> Tensor:
@@ -183,17 +200,55 @@ class _Step:
         settings = step.settings.described(walls.data_ptr() if len(walls) else None, window=False)
         arrays = (tensor.data_ptr() for tensor in (scene, mass, volume, gravity))
         self._given = settings, Bodies(particles, scenes, *arrays)
-        self._particles, self._node_count = particles, scenes * step.settings.size
+        self._particles, self._node_count, self._order = particles, scenes * step.settings.size, step.settings.order
         self._like, self._kernels = mass, _step_kernels(mass)
         self.state = _fields(step.state)
 
     def nodes(self) -> Nodes:
         """Particles to grid, and the grid moved."""
-        momentum = torch.zeros(self._node_count, 4, dtype=self._like.dtype, device=self._like.device)
+        momentum = self._no_nodes()
+        self.to_grid(momentum)
         moved = torch.empty_like(momentum)
-        self.each_particle("scatter_state", self.state, address(momentum))
         self.each_node("move_nodes", address(momentum), address(moved))
         return Nodes(momentum, moved)
+
+    def to_grid(self, nodes: Tensor) -> list[Tensor]:
+        """Momentum and mass of the nodes into nodes, 0 before; the terms of affine XPIC that went back."""
+        self.each_particle("scatter_state", self.state, address(nodes))
+        terms = [torch.empty_like(nodes) for _ in range(self._order - 1)]
+        for k, term in enumerate(terms):
+            if k == 0:
+                self.each_node("begin_terms", address(nodes), address(term))
+            following = terms[k + 1] if k + 1 < len(terms) else None
+            change = self._returned(term, TERM if following is not None else LAST_TERM)
+            self.each_node("add_term", address(nodes), address(term), address(change), address(following))
+        return terms
+
+    def gather_gradient(self, nodes: Nodes, after: _Moved, incoming: _Fields, gradient: _Fields) -> None:
+        """Gradients of the fields of the state; nodes: gradients at momentum and mass, velocities."""
+        gradients, terms = [nodes.momentum], []
+        if self._order > 1:
+            momentum = self._no_nodes()
+            terms = self.to_grid(momentum)
+            for term in reversed(terms):
+                change, found = self._returned(gradients[0], ADJOINT), torch.empty_like(momentum)
+                arrays = (momentum, nodes.momentum, gradients[0], change, term, found)
+                self.each_node("find_term_gradient", *map(address, arrays))
+                gradients.insert(0, found)
+        described = _Terms(len(terms))
+        for k, term in enumerate(terms):
+            described.velocity[k], described.gradient[k] = term.data_ptr(), gradients[k + 1].data_ptr()
+        arrays = address(nodes.moved), address(gradients[0]), gradient, described
+        self.each_particle("gather_gradient", self.state, after, incoming, *arrays)
+
+    def _returned(self, term: Tensor, what: int) -> Tensor:
+        """What comes back to the nodes of a term."""
+        change = self._no_nodes()
+        self.each_particle("return_term", self.state, address(term), ctypes.c_int64(what), address(change))
+        return change
+
+    def _no_nodes(self) -> Tensor:
+        return torch.zeros(self._node_count, 4, dtype=self._like.dtype, device=self._like.device)
 
     def each_particle(self, name: str, *arguments: object) -> None:
         self._kernels.start(name, self._particles, *self._given, *arguments)

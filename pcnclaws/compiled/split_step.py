@@ -4,6 +4,7 @@ Both are differentiable in both modes, on a GPU in reverse mode alone. All scene
 which should be the part that particles touch.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -104,7 +105,8 @@ class _FromGrid(torch.autograd.Function):
         else:
             call_step("to_node_velocities", ctx.settings, bodies, state, incoming, (of_nodes,))
         after = (velocity, velocity, affine)  # the second and the third are read
-        gradient = _gathered(ctx.settings, bodies, state, nodes, torch.zeros_like(nodes), after, incoming)
+        back = replace(ctx.settings, order=1)  # the way back is that of APIC
+        gradient = _gathered(back, bodies, state, nodes, torch.zeros_like(nodes), after, incoming)
         return (None,) * 6 + (of_nodes, gradient[0], gradient[3])
 
     @staticmethod

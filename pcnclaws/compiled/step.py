@@ -30,6 +30,7 @@ class StepSettings:
     contact    of walls, as in WALL_CONTACTS of pcnclaws/mpm/integrator.py
     window     whether only the part of the grid that particles touch is computed
     walls      of the nodes of each axis: 1 for a wall at the low side, 2 at the high side, 0 for none; empty without
+    order      of the affine XPIC of the transfer, 1 for APIC
     """
 
     time_step: float
@@ -39,6 +40,7 @@ class StepSettings:
     contact: int
     window: bool
     walls: bytes
+    order: int
 
     @property
     def edges(self) -> tuple[int, int, int]:
@@ -55,7 +57,7 @@ class StepSettings:
     def described(self, walls: int | None, window: bool) -> Settings:
         """As the kernels read it. walls: the address of the walls."""
         grid, origin = (ctypes.c_int * 6)(*self.grid), (ctypes.c_double * 3)(*self.origin)
-        return Settings(self.time_step, origin, self.per_metre, grid, self.contact, window, walls)
+        return Settings(self.time_step, origin, self.per_metre, grid, self.contact, window, walls, self.order)
 
 
 def step(settings: StepSettings, bodies: tuple[Tensor, ...], state: tuple[Tensor, ...]) -> tuple[Tensor, ...]:

@@ -101,6 +101,7 @@ class Settings(ctypes.Structure):
 
     grid   first and last node along each axis
     walls  the address of a byte for each node of the three axes, None where there are no walls
+    order  of the affine XPIC of the transfer, 1 for APIC
     """
 
     _fields_ = (
@@ -111,6 +112,7 @@ class Settings(ctypes.Structure):
         ("contact", ctypes.c_int64),
         ("window", ctypes.c_int64),
         ("walls", ctypes.c_void_p),
+        ("order", ctypes.c_int64),
     )
 
 

@@ -1,15 +1,13 @@
 """The MLS-MPM step. This file is the method; the others of this folder are its vocabulary."""
 
-import logging
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, lru_cache
+from functools import lru_cache
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from pcnclaws.compiled.backend import configured_backend
 from pcnclaws.compiled.calls import kernels_serve
 from pcnclaws.compiled.split_step import from_grid, to_grid
 from pcnclaws.compiled.step import StepSettings
@@ -29,10 +27,7 @@ from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.shape_functions import quadratic_stencil
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.mpm.transfer import Sent, grid_to_particles, node_velocities, sent_to_grid
-from pcnclaws.mpm.transfer_orders import APIC
 from pcnclaws.tensor_types import Matrices
-
-log = logging.getLogger(__name__)
 
 Impulses = Float[Tensor, "colliders scenes 3"]
 TakeImpulses = Callable[[Impulses], None]
@@ -57,9 +52,6 @@ class MPMIntegrator(nn.Module):
         self._plain = replace(settings, colliders=(), loads=())
         self._walls = b"" if settings.domain is None else axis_walls(self.grid, settings)
         self._of_whole_grid = self._kernel_settings(self.grid)
-        self._has_kernels = settings.transfer == APIC
-        if not self._has_kernels and configured_backend() != "torch":
-            _tell_of_no_kernels(settings.transfer)
 
     def forward(
         self,
@@ -76,7 +68,7 @@ class MPMIntegrator(nn.Module):
         take_impulses  is given the impulses of the colliders [N s]
         """
         state = self._loaded(state, scenes, step)
-        served = self._has_kernels and kernels_serve(state.position, (*state[1:4], stress), scenes.constants)
+        served = kernels_serve(state.position, (*state[1:4], stress), scenes.constants)
         bodies = (scenes.scene_index, *scenes.constants)
         if served and not self._on_grid:
             grid = self._grid(state, by_kernel=True)
@@ -108,8 +100,7 @@ class MPMIntegrator(nn.Module):
     @property
     def is_recordable(self) -> bool:
         """Whether steps are the same work at all times, on arrays of the same sizes."""
-        of_one_size = not self._on_grid and not self.settings.loads and self.grid.size <= MOST_WHOLE
-        return of_one_size and self._has_kernels
+        return not self._on_grid and not self.settings.loads and self.grid.size <= MOST_WHOLE
 
     def kernel_settings(self, grid: Grid) -> StepSettings:
         """What the kernels need to know of a step on this part of the grid."""
@@ -128,6 +119,7 @@ class MPMIntegrator(nn.Module):
             WALL_CONTACTS.index(self.settings.boundary),
             self.window,
             b"".join(walls),
+            self.settings.transfer_order,
         )
 
     def _begins(self) -> tuple[int, int, int]:
@@ -174,11 +166,6 @@ class MPMIntegrator(nn.Module):
             if take_impulses is not None:
                 take_impulses(impulses)
         return velocity.flatten(1)
-
-
-@cache
-def _tell_of_no_kernels(transfer: str) -> None:
-    log.warning("simulation.transfer=%s has no compiled kernels: steps run in PyTorch, several times slower", transfer)
 
 
 @lru_cache(maxsize=16)

@@ -29,8 +29,12 @@ from pcnclaws.laws.elasticity import StVKHencky
 from pcnclaws.laws.materials import material_named
 from pcnclaws.laws.plasticity import DruckerPrager
 from pcnclaws.linalg3 import exp_symmetric, matmul
+from pcnclaws.mpm.colliders import Collider
 from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.mpm.diagnostics import failing_particles
+from pcnclaws.mpm.integrator import MPMIntegrator
+from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.simulator import Simulator
 from pcnclaws.tensor_types import Matrices, Parameters
 
 pytestmark = [
@@ -89,9 +93,32 @@ def test_sticking_walls() -> None:
     assert largest_difference(found, expected) < 1e-11
 
 
+@pytest.mark.parametrize("transfer", ["axpic2", "axpic3", "axpic4"])
+def test_affine_xpic_and_its_derivatives_in_both_modes_equal_those_of_pytorch(transfer: str) -> None:
+    simulator, batch = simulator_of("elasticity", "analytic", transfer=transfer), moving_batch("elasticity")
+    found = [*after_steps(simulator, batch), *gradients(simulator, batch), *rates(simulator, batch)]
+    with using_backend("torch"):
+        expected = [*after_steps(simulator, batch), *gradients(simulator, batch), *rates(simulator, batch)]
+    assert largest_difference(found, expected) < 1e-11
+
+
+@pytest.mark.parametrize("transfer", ["axpic2", "axpic3"])
+def test_affine_xpic_with_a_collider_equals_that_of_pytorch(transfer: str) -> None:
+    """The grid between the kernels is computed in PyTorch there."""
+    collider = Collider.plane((0.0, 0.25, 0.0), (0.2, 1.0, 0.0), friction=0.3)
+    settings = SimulationSettings(transfer=transfer, colliders=(collider,))
+    laws, batch = laws_of("elasticity", "analytic"), moving_batch("elasticity")
+    simulator = Simulator(laws.elasticity, laws.plasticity, MPMIntegrator(settings)).double()
+    found = [*after_steps(simulator, batch), *gradients(simulator, batch), *rates(simulator, batch)]
+    with using_backend("torch"):
+        expected = [*after_steps(simulator, batch), *gradients(simulator, batch), *rates(simulator, batch)]
+    assert largest_difference(found, expected) < 1e-11
+
+
 @BOTH
 def test_the_number_of_threads_changes_no_bit(kind: str) -> None:
-    simulator, batch = simulator_of("sand", kind), moving_batch("sand", (3000, 40))
+    transfer = "axpic3" if kind == "analytic" else "apic"
+    simulator, batch = simulator_of("sand", kind, transfer=transfer), moving_batch("sand", (3000, 40))
     alone = [*after_steps(simulator, batch), *gradients(simulator, batch)]
     torch.set_num_threads(2)
     try:

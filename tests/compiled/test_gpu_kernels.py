@@ -78,10 +78,15 @@ def test_gradients_that_nobody_wants_change_no_other() -> None:
 
 @DEVICES
 @PRECISIONS
-@pytest.mark.parametrize("boundary", ["separate", VERSION_1_STICK, "slip", "sticky"])
-def test_a_step_and_its_gradients(boundary: str, dtype: torch.dtype, tolerance: float, device: str) -> None:
+@pytest.mark.parametrize(
+    ("boundary", "transfer"),
+    [("separate", "apic"), (VERSION_1_STICK, "apic"), ("slip", "axpic2"), ("sticky", "apic"), ("separate", "axpic4")],
+)
+def test_a_step_and_its_gradients(
+    boundary: str, transfer: str, dtype: torch.dtype, tolerance: float, device: str
+) -> None:
     state, scenes, _ = in_dtype(moving_batch("sand", (40, 5, 20)), dtype)
-    integrator = MPMIntegrator(SimulationSettings(grid_spacing=1 / 10, boundary=boundary))
+    integrator = MPMIntegrator(SimulationSettings(grid_spacing=1 / 10, boundary=boundary, transfer=transfer))
     stress = 100.0 * uniform(seeded(1), 3, 3, state.position.shape[1]).to(dtype)
     inputs = [field.clone().requires_grad_() for field in (*state[:4], stress)]
     after = integrator(type(state)(*inputs[:4]), inputs[4], scenes)[:4]

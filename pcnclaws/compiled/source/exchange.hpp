@@ -1,7 +1,7 @@
 // What one particle and one node do in a step and in its adjoint: the same for the tasks of a CPU (transfer.hpp) and the
 // threads of a GPU (gpu_step.cu). The method and its sources are stated in pcnclaws/mpm/integrator.py.
 #pragma once
-#include "stencils.hpp"
+#include "terms.hpp"
 
 namespace pcnclaws {
 
@@ -31,10 +31,10 @@ template <class S> class Exchange {
         : settings(settings), bodies(bodies), before(before), stress(stress), spacing(T(1) / T(settings.per_metre)) {}
 
     // Momentum at a node of the stencil is q + i A_x + j A_y + k A_z: four vectors, the last component of the first the
-    // mass.
+    // mass. The stress is in it in APIC alone.
     void momentum(int64_t p, const Stencils<S>& stencils, int l, Quad<S> vectors[4]) const {
         const int64_t n = bodies.particles;
-        const T mass = bodies.mass[p], pull = T(settings.time_step) * 4 / (spacing * spacing) * bodies.volume[p];
+        const T mass = bodies.mass[p], pull = settings.order == 1 ? pull_of(p) : T(0);
         S step[3][3], q[3];
         for (int i = 0; i < 3; i++) {
             for (int j = 0; j < 3; j++)
@@ -49,9 +49,18 @@ template <class S> class Exchange {
         for (int j = 0; j < 3; j++) vectors[1 + j] = quad(step[0][j], step[1][j], step[2][j], zero);
     }
 
+    // What a particle returns to the grid of a term of affine XPIC.
+    void returned_term(int64_t p, const Stencils<S>& stencils, int l, const Box& box, const Quad<S>* from, Return what,
+                       Quad<S> vectors[4]) const {
+        Quad<S> sums[4];
+        gather(stencils, l, box, from, sums);
+        returned(stencils, l, sums, what == ADJOINT ? bodies.mass[p] : -bodies.mass[p], vectors);
+        if (what == LAST_TERM) add_stress(p, stencils, l, vectors);
+    }
+
     // The velocity of a node after gravity and walls, from its momentum and mass.
     Quad<S> moved_node(const Quad<S>& node, Quad<T> fall, const int walls[3]) const {
-        if (!occupied(node)) return Quad<S>{};
+        if (!occupied<S>(node)) return Quad<S>{};
         Quad<S> velocity = velocity_at(node, fall);
         if (walls[0] | walls[1] | walls[2]) {
             const int into = lost(velocity, walls);
@@ -114,7 +123,7 @@ template <class S> class Exchange {
 
     // Gradients at momentum and mass of a node, from those at its velocity.
     Quad<S> node_gradient(const Quad<S>& node, Quad<S> gradient, Quad<T> fall, const int walls[3]) const {
-        if (!occupied(node)) return Quad<S>{};
+        if (!occupied<S>(node)) return Quad<S>{};
         const T mass = component(node, 3);
         const int into = lost(velocity_at(node, fall), walls);
         T of_mass = 0;
@@ -127,27 +136,29 @@ template <class S> class Exchange {
         return gradient;
     }
 
-    // Gradients of the state before a step and of the stress, of particle p.
+    // Gradients of the state before a step and of the stress, of particle p. gradients: at momentum and mass, those of the
+    // first term where there are terms
     void gather_gradient(const Stencils<S>& stencils, int64_t p, int l, const Box& box, const Quad<S>* velocities,
-                         const Quad<S>* gradients, const Moved<T>& after, const State<S>& incoming,
-                         const State<S>& gradient, const Field<S>& stress_gradient) const {
+                         const Quad<S>* gradients, const Terms<S>& terms, const Moved<T>& after,
+                         const State<S>& incoming, const State<S>& gradient, const Field<S>& stress_gradient) const {
         const int64_t n = bodies.particles;
         const T dt = T(settings.time_step);
         const Incoming in = incoming_of(incoming, p);
-        Quad<S> back[4], forth[4], sums[4];
+        Quad<S> back[4], forth[4], sums[4], of_last[4];
         gradient_vectors(in, stencils, l, back);
         momentum(p, stencils, l, forth);
         gather(stencils, l, box, gradients, sums);
         T d[3];
         weight_gradient(stencils, l, box, velocities, gradients, back, forth, d);
-        const T mass = bodies.mass[p], pull = dt * 4 / (spacing * spacing) * bodies.volume[p];
+        if (terms.count) gather_terms(stencils, p, l, box, terms, d, of_last);
+        const Quad<S>* pulled = terms.count ? of_last : sums;
+        const T mass = bodies.mass[p], pull = pull_of(p);
         for (int j = 0; j < 3; j++)
             for (int i = 0; i < 3; i++) {
                 // d enters C = 4/dx (M - v d^T) and q = m v - A d as well
                 d[j] -= 4 / spacing * in.affine[i][j] * after.velocity[i * n + p] + forth[1 + j][i] * sums[0][i];
-                const T of_affine = spacing * (sums[1 + j][i] - sums[0][i] * stencils.from_middle[j][l]);
-                gradient.affine.set((3 * i + j) * n + p, mass * of_affine);
-                stress_gradient.set((3 * i + j) * n + p, -pull * of_affine);
+                gradient.affine.set((3 * i + j) * n + p, mass * of_affine(stencils, l, sums, i, j));
+                stress_gradient.set((3 * i + j) * n + p, -pull * of_affine(stencils, l, pulled, i, j));
                 T of_deformation = incoming.deformation.get((3 * i + j) * n + p);
                 for (int k = 0; k < 3; k++)
                     of_deformation +=
@@ -167,16 +178,47 @@ template <class S> class Exchange {
     const Field<S>& stress;
     const T spacing;
 
-    // Masses so small that a division by them could overflow in the adjoint count as none.
-    static bool occupied(const Quad<S>& node) {
-        return value_of(component(node, 3)) > std::numeric_limits<T>::min() * T(1e3);
+    // What the stress of a particle takes from its affine momentum.
+    T pull_of(int64_t p) const { return T(settings.time_step) * 4 / (spacing * spacing) * bodies.volume[p]; }
+
+    void add_stress(int64_t p, const Stencils<S>& stencils, int l, Quad<S> vectors[4]) const {
+        const int64_t n = bodies.particles;
+        const T pull = -spacing * pull_of(p);
+        for (int j = 0; j < 3; j++) {
+            const Quad<S> step = quad(scaled(pull, stress.get(j * n + p)), scaled(pull, stress.get((3 + j) * n + p)),
+                                      scaled(pull, stress.get((6 + j) * n + p)), S{});
+            vectors[1 + j] = vectors[1 + j] + step;
+            vectors[0] = vectors[0] - step * stencils.from_middle[j][l];
+        }
+    }
+
+    // The gradient at an affine momentum, from what is gathered of those at the momenta of the nodes.
+    T of_affine(const Stencils<S>& stencils, int l, const Quad<S> sums[4], int i, int j) const {
+        return spacing * (sums[1 + j][i] - sums[0][i] * stencils.from_middle[j][l]);
+    }
+
+    // Adds to d what the terms make of a change of the weights.
+    // of_last: what is gathered of the gradients at the last term
+    void gather_terms(const Stencils<S>& stencils, int64_t p, int l, const Box& box, const Terms<S>& terms, T d[3],
+                      Quad<S> of_last[4]) const {
+        for (int64_t k = 0; k < terms.count; k++) {
+            Quad<S> term[4], back[4], forth[4];
+            T change[3];
+            gather(stencils, l, box, terms.velocity[k], term);
+            gather(stencils, l, box, terms.gradient[k], of_last);
+            returned(stencils, l, of_last, -bodies.mass[p], back);
+            returned(stencils, l, term, -bodies.mass[p], forth);
+            if (k + 1 == terms.count) add_stress(p, stencils, l, forth);
+            weight_gradient(stencils, l, box, terms.velocity[k], terms.gradient[k], back, forth, change);
+            for (int j = 0; j < 3; j++) {
+                d[j] += change[j];
+                for (int i = 0; i < 3; i++) d[j] -= back[1 + j][i] * term[0][i] + forth[1 + j][i] * of_last[0][i];
+            }
+        }
     }
 
     Quad<S> velocity_at(const Quad<S>& node, Quad<T> fall) const {
-        const S mass = component(node, 3);
-        S one{};
-        Stencils<S>::subtract(one, T(-1));
-        Quad<S> velocity = node * (one / mass);
+        Quad<S> velocity = node * (as_number<S>(T(1)) / component(node, 3));
         add(velocity, fall);
         return velocity;
     }

@@ -61,6 +61,40 @@ KERNEL(scatter_state)(Settings settings, Bodies<T> bodies, Fields before, Quad<T
     });
 }
 
+// For affine XPIC: term: the first one
+KERNEL(begin_terms)(Settings settings, Bodies<T> bodies, const Quad<T>* nodes, Quad<T>* term) {
+    with_node(settings, bodies, [&](auto&, int64_t node, const int*, Quad<T>) {
+        term[node] = first_term<T>(nodes[node]);
+    });
+}
+
+// change: what comes back of what the particles get `from` nodes, 0 before; what: a Return
+KERNEL(return_term)
+(Settings settings, Bodies<T> bodies, Fields before, const Quad<T>* from, int64_t what, Quad<T>* change) {
+    with_particle(settings, bodies, before, [&](auto& exchange, auto& stencils, int64_t p, auto& box, int64_t first) {
+        Quad<T> vectors[4];
+        exchange.returned_term(p, stencils, 0, box, from + first, Return(what), vectors);
+        scatter(stencils, 0, vectors, box, change + first);
+    });
+}
+
+// next: null after the last one
+KERNEL(add_term)
+(Settings settings, Bodies<T> bodies, Quad<T>* nodes, const Quad<T>* term, const Quad<T>* change, Quad<T>* next) {
+    with_node(settings, bodies, [&](auto&, int64_t node, const int*, Quad<T>) {
+        const Quad<T> found = next_term<T>(nodes[node], term[node], change[node]);
+        if (next) next[node] = found;
+    });
+}
+
+KERNEL(find_term_gradient)
+(Settings settings, Bodies<T> bodies, const Quad<T>* nodes, const Quad<T>* gradients, const Quad<T>* of_next,
+ const Quad<T>* change, const Quad<T>* term, Quad<T>* found) {
+    with_node(settings, bodies, [&](auto&, int64_t node, const int*, Quad<T>) {
+        found[node] = term_gradient<T>(nodes[node], gradients[node], of_next[node], change[node], term[node]);
+    });
+}
+
 KERNEL(move_nodes)(Settings settings, Bodies<T> bodies, const Quad<T>* nodes, Quad<T>* moved) {
     with_node(settings, bodies, [&](auto& exchange, int64_t node, const int walls[3], Quad<T> fall) {
         moved[node] = exchange.moved_node(nodes[node], fall, walls);
@@ -92,10 +126,14 @@ KERNEL(adjoint_nodes)(Settings settings, Bodies<T> bodies, const Quad<T>* nodes,
 
 KERNEL(gather_gradient)
 (Settings settings, Bodies<T> bodies, Fields before, Moved<T> after, Fields incoming, const Quad<T>* moved,
- const Quad<T>* node_gradients, Fields gradient) {
+ const Quad<T>* node_gradients, Fields gradient, Terms<T> terms) {
     with_particle(settings, bodies, before, [&](auto& exchange, auto& stencils, int64_t p, auto& box, int64_t first) {
-        exchange.gather_gradient(stencils, p, 0, box, moved + first, node_gradients + first, after, incoming.state(),
-                                 gradient.state(), {gradient.stress});
+        for (int64_t k = 0; k < terms.count; k++) {
+            terms.velocity[k] += first;
+            terms.gradient[k] += first;
+        }
+        exchange.gather_gradient(stencils, p, 0, box, moved + first, node_gradients + first, terms, after,
+                                 incoming.state(), gradient.state(), {gradient.stress});
     });
 }
 

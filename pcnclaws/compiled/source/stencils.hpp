@@ -42,6 +42,7 @@ struct Settings {
     int64_t contact;             // of walls: SEPARATE, ...
     int64_t window;              // 1 for the touched window of the grid, 0 for the whole grid
     const unsigned char* walls;  // of the nodes of the grid along each axis: bit 0 low wall, bit 1 high wall; or null
+    int64_t order = 1;           // of the affine XPIC of the transfer, see terms.hpp: 1 for APIC
 
     // of the nodes along an axis, from the first one of the grid on
     const unsigned char* walls_of(int axis) const {

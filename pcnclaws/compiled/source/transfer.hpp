@@ -19,7 +19,7 @@ template <class S> class Step {
           grids(settings, bodies, before.position, threads, shared) {}
 
     ~Step() {
-        for (int which = 0; which < 4; which++)
+        for (int which = 0; which < SCRATCH; which++)
             if (scratch(which).capacity() * sizeof(Quad<S>) > MOST_KEPT) Nodes().swap(scratch(which));
     }
 
@@ -38,7 +38,7 @@ template <class S> class Step {
             sum_tasks(scene, x, node_gradient.data());
             adjoint_nodes(scene, x);
         });
-        gather_gradient(moved.data(), node_gradient.data(), after, incoming, gradient, stress_gradient);
+        gather_all(moved.data(), node_gradient.data(), after, incoming, gradient, stress_gradient);
     }
 
     // What follows is a step whose work on the grid is done by others, between the two: all scenes have the same nodes.
@@ -46,7 +46,11 @@ template <class S> class Step {
     // momentum and mass of all nodes
     void to_grid(Quad<S>* out) {
         scatter_state();
-        each_slab([&](int64_t scene, int x) { sum_tasks(scene, x, out); });
+        each_slab([&](int64_t scene, int x) {
+            sum_tasks(scene, x, out);
+            if (settings.order > 1) begin_terms(scene, x, out);
+        });
+        add_terms(out, [](int64_t, int) {});
     }
 
     void from_grid(const Quad<S>* velocities, const State<S>& after) {
@@ -62,9 +66,11 @@ template <class S> class Step {
     // gradients of the state before and of the stress from those at momentum and mass of the nodes, for S = T
     void gather_gradient(const Quad<S>* velocities, const Quad<S>* gradients, const Moved<T>& after,
                          const State<S>& incoming, const State<S>& gradient, const Field<S>& stress_gradient) {
-        each_part([&](const Part& part) {
-            gather_gradient(part, velocities, gradients, after, incoming, gradient, stress_gradient);
-        });
+        if (settings.order > 1) {
+            nodes.resize(grids.scene_nodes);
+            to_grid(nodes.data());
+        }
+        gather_all(velocities, gradients, after, incoming, gradient, stress_gradient);
     }
 
   private:
@@ -80,8 +86,12 @@ template <class S> class Step {
     Nodes& nodes = scratch(1);  // momentum and mass, of each scene
     Nodes& moved = scratch(2);  // velocity after gravity and walls
     Nodes& node_gradient = scratch(3);
+    Nodes& change = scratch(4);                               // what came back of a term
+    Nodes* const terms = &scratch(5);                         // of affine XPIC
+    Nodes* const term_gradients = &scratch(5 + MOST_RETURNS);  // at their momenta
+    static constexpr int SCRATCH = 5 + 2 * MOST_RETURNS;
     static Nodes& scratch(int which) {
-        static thread_local Nodes memory[4];
+        static thread_local Nodes memory[SCRATCH];
         return memory[which];
     }
     static constexpr size_t MOST_KEPT = size_t(1) << 28;  // bytes
@@ -105,6 +115,8 @@ template <class S> class Step {
 
     void scatter_state() {
         tasks.resize(grids.task_nodes);
+        if (settings.order > 1) change.resize(grids.scene_nodes);
+        for (int64_t k = 0; k + 1 < settings.order; k++) terms[k].resize(grids.scene_nodes);
         each_part([&](const Part& part) {
             Quad<S>* memory = tasks.data() + part.memory;
             std::memset(static_cast<void*>(memory), 0, part.box.size() * sizeof(Quad<S>));
@@ -122,9 +134,85 @@ template <class S> class Step {
         scatter_state();
         each_slab([&](int64_t scene, int x) {
             sum_tasks(scene, x, nodes.data());
-            move_nodes(scene, x);
+            if (settings.order > 1)
+                begin_terms(scene, x, nodes.data());
+            else
+                move_nodes(scene, x);
+        });
+        add_terms(nodes.data(), [&](int64_t scene, int x) { move_nodes(scene, x); });
+    }
+
+    // What follows is affine XPIC.
+
+    void begin_terms(int64_t scene, int x, const Quad<S>* from) {
+        each_node(scene, x, [&](size_t at, const int*) { terms[0][at] = first_term<S>(from[at]); });
+    }
+
+    // Adds all terms after the first to the momenta of the nodes, and runs then(scene, x) on each slab.
+    template <class Then> void add_terms(Quad<S>* to, Then then) {
+        for (int64_t k = 1; k < settings.order; k++) {
+            const bool last = k + 1 == settings.order;
+            return_term(terms[k - 1].data(), last ? LAST_TERM : TERM, [&](int64_t scene, int x) {
+                each_node(scene, x, [&](size_t at, const int*) {
+                    const Quad<S> next = next_term<S>(to[at], terms[k - 1][at], change[at]);
+                    if (!last) terms[k][at] = next;
+                });
+                if (last) then(scene, x);
+            });
+        }
+    }
+
+    // Sums what the particles return of a term into `change`, and runs then(scene, x) on each slab.
+    template <class Then> void return_term(const Quad<S>* from, Return what, Then then) {
+        each_part([&](const Part& piece) {
+            const Box& box = grids.boxes[piece.scene];
+            Quad<S>* memory = tasks.data() + piece.memory;
+            std::memset(static_cast<void*>(memory), 0, piece.box.size() * sizeof(Quad<S>));
+            each_block(piece, [&](const Stencils<S>& stencils, int64_t first, int count) {
+                for (int l = 0; l < count; l++) {
+                    Quad<S> vectors[4];
+                    exchange.returned_term(first + l, stencils, l, box, from + grids.node_memory[piece.scene], what,
+                                           vectors);
+                    scatter(stencils, l, vectors, piece.box, memory);
+                }
+            });
+        });
+        each_slab([&](int64_t scene, int x) {
+            sum_tasks(scene, x, change.data());
+            then(scene, x);
         });
     }
+
+    // Gradients at the momenta of all terms, and at the masses, from those at the momenta and masses of the nodes.
+    void adjoint_terms(const Quad<S>* gradients) {
+        const Quad<S>* next = gradients;
+        for (int64_t k = settings.order - 2; k >= 0; k--) {
+            term_gradients[k].resize(grids.scene_nodes);
+            return_term(next, ADJOINT, [&](int64_t scene, int x) {
+                each_node(scene, x, [&](size_t at, const int*) {
+                    term_gradients[k][at] =
+                        term_gradient<T>(nodes[at], gradients[at], next[at], change[at], terms[k][at]);
+                });
+            });
+            next = term_gradients[k].data();
+        }
+    }
+
+    void gather_all(const Quad<S>* velocities, const Quad<S>* gradients, const Moved<T>& after,
+                    const State<S>& incoming, const State<S>& gradient, const Field<S>& stress_gradient) {
+        adjoint_terms(gradients);
+        Terms<S> all{settings.order - 1, {}, {}};
+        for (int64_t k = 0; k < all.count; k++) {
+            all.velocity[k] = terms[k].data();
+            all.gradient[k] = k + 1 < all.count ? term_gradients[k + 1].data() : gradients;
+        }
+        const Quad<S>* of_first = all.count ? term_gradients[0].data() : gradients;
+        each_part([&](const Part& piece) {
+            gather_gradient(piece, velocities, of_first, all, after, incoming, gradient, stress_gradient);
+        });
+    }
+
+    // What follows is APIC again.
 
     // One slab of a scene's nodes from what its parts scattered, in the order of the parts.
     void sum_tasks(int64_t scene, int x, Quad<S>* to) const {
@@ -196,15 +284,21 @@ template <class S> class Step {
         });
     }
 
-    void gather_gradient(const Part& part, const Quad<S>* velocities, const Quad<S>* gradients, const Moved<T>& after,
-                         const State<S>& incoming, const State<S>& gradient, const Field<S>& stress_gradient) const {
-        const Box& box = grids.boxes[part.scene];
-        velocities += grids.node_memory[part.scene];
-        gradients += grids.node_memory[part.scene];
-        each_block(part, [&](const Stencils<S>& stencils, int64_t first, int count) {
+    void gather_gradient(const Part& piece, const Quad<S>* velocities, const Quad<S>* gradients, Terms<S> all,
+                         const Moved<T>& after, const State<S>& incoming, const State<S>& gradient,
+                         const Field<S>& stress_gradient) const {
+        const Box& box = grids.boxes[piece.scene];
+        const size_t begin = grids.node_memory[piece.scene];
+        velocities += begin;
+        gradients += begin;
+        for (int64_t k = 0; k < all.count; k++) {
+            all.velocity[k] += begin;
+            all.gradient[k] += begin;
+        }
+        each_block(piece, [&](const Stencils<S>& stencils, int64_t first, int count) {
             for (int l = 0; l < count; l++)
-                exchange.gather_gradient(stencils, first + l, l, box, velocities, gradients, after, incoming, gradient,
-                                         stress_gradient);
+                exchange.gather_gradient(stencils, first + l, l, box, velocities, gradients, all, after, incoming,
+                                         gradient, stress_gradient);
         });
     }
 };
