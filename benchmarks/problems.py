@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from rich.table import Table
 
-from benchmarks import fuzzing, kills, own_laws, run_time_vs_error, scaling, skips, stability, step_cost
+from benchmarks import fuzzing, kills, own_laws, run_time_vs_error, scaling, skips, stability, step_cost, transfers
 from benchmarks import training_time as training
 from benchmarks.context import BenchmarkContext
 from benchmarks.real_beam import problem as real_beam
@@ -41,5 +41,6 @@ PROBLEMS = {
     "step_cost": Problem(step_cost.run, step_cost.draw, step_cost.tables),
     "stress": Problem(stress.run, stress.draw, stress.tables),
     "training": Problem(training.run, training.draw, training.tables),
+    "transfers": Problem(transfers.run, transfers.draw, transfers.tables),
     "verification": Problem(verification.run, verification.draw, verification.tables),
 }

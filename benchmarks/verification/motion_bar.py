@@ -43,11 +43,13 @@ class Bar(NamedTuple):
     cells      of the grid along it; two particles along the edge of a cell
     held       by a wall at its lower end
     viscosity  [Pa s]
+    transfer   between particles and grid
     """
 
     cells: int
     held: bool = False
     viscosity: float = 0.0
+    transfer: str = "apic"
 
     @property
     def spacing(self) -> float:
@@ -79,6 +81,7 @@ class Bar(NamedTuple):
             gravity=NO_GRAVITY,
             boundary="slip",
             density=DENSITY,
+            transfer=self.transfer,
         )
         start = np.zeros((len(velocity), 3))
         start[:, 0] = velocity

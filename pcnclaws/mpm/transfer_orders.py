@@ -10,7 +10,7 @@ APIC = "apic"
 TRANSFERS = MappingProxyType({APIC: 1, "axpic2": 2, "axpic3": 3, "axpic4": 4})
 
 
-def require_transfer(option: str, name: str) -> None:
+def require_transfer(option: str, name: object) -> None:
     """Refuses what is no name of a transfer with a UserError."""
-    if name not in TRANSFERS:
-        raise unknown_name(option, name, TRANSFERS)
+    if not isinstance(name, str) or name not in TRANSFERS:
+        raise unknown_name(option, str(name), TRANSFERS)

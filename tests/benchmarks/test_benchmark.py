@@ -34,6 +34,10 @@ SMOKE = {
         *("problem.backends=[torch]", "problem.particles_per_edge=4", "problem.steps=8", "problem.samples=1"),
         *("problem.switches=[free_fall,history,all]", "problem.memory=false"),
     ],
+    "transfers": [
+        *("problem.transfers=[apic,axpic2]", "problem.cells=4", "problem.cfl=[0.2]", "problem.periods=1"),
+        *("problem.long_cfl=0.4", "problem.long_periods=2", "problem.scenes=1", "problem.steps=2", "problem.samples=1"),
+    ],
     "training": [
         *("problem.backends=[torch]", "problem.iterations=[1,2]", "problem.train_scenes=2"),
         *("problem.particles_per_edge=6", "problem.steps=20"),
@@ -83,12 +87,21 @@ def check_training(results: dict) -> None:
         assert row["mse"] == pytest.approx(sum(scene["mse"] for scene in row["scenes"]) / 3)
 
 
+def check_transfers(results: dict) -> None:
+    rows = {(row["transfer"], row["periods"]): row for row in results["bars"]}
+    assert set(rows) == {(transfer, periods) for transfer in ("apic", "axpic2") for periods in (1, 2)}
+    assert rows["apic", 1]["kept"] < rows["axpic2", 1]["kept"] < 1.01
+    assert len(results["costs"]) == 4
+    assert all(row["ratio"] == 1.0 for row in results["costs"] if row["transfer"] == "apic")
+
+
 CHECKS = {
     "own_laws": check_own_laws,
     "step_cost": check_step_cost,
     "scaling": check_scaling,
     "skips": check_skips,
     "training": check_training,
+    "transfers": check_transfers,
 }
 
 

@@ -38,6 +38,7 @@ SURROUNDED = SimulationSettings(
         (SimulationSettings(domain=None), 2),
         (SURROUNDED, 2),
         (replace(SURROUNDED, start_time=0.3), 2),
+        (SimulationSettings(transfer="axpic3"), 2),
     ],
 )
 def test_settings_come_back_from_the_first_version_that_holds_them(
@@ -60,6 +61,7 @@ def test_settings_come_back_from_the_first_version_that_holds_them(
     [
         (lambda scene: scene.attrs.modify("walls", "slip, sticky"), "the same contact of six walls"),
         (lambda scene: scene.attrs.modify("walls", ", ".join(["slippy"] * 6)), "did you mean 'slip'"),
+        (lambda scene: scene.attrs.create("transfer", "axpic"), "@transfer='axpic' is not known"),
         (lambda scene: scene.attrs.create("domain", np.zeros((2, 2))), "@domain is not 2 x 3 finite numbers"),
         (lambda scene: scene["colliders/0"].attrs.modify("shape", "ball"), "colliders/0.shape='ball' is not known"),
         (lambda scene: scene["colliders/1"].attrs.modify("low", [np.nan] * 3), "three finite numbers"),

@@ -136,6 +136,7 @@ def test_a_batch_is_its_scenes_one_by_one():
     body = pc.Body.sphere(side=0.2, centre=(0.4, 0.3, 0.5), particles_per_edge=5)
     scenes = [small(), small(friction_angle=20.0, velocity=(0, 0, 0)), small(law=pc.load_law("sand"))]
     scenes += [scenes[0].with_(body=body), small(settings=pc.Settings(time_step=2e-4))]
+    scenes += [scenes[0].with_(settings=pc.Settings(transfer="axpic2"), spin=(0, spin, 0)) for spin in (1, 5)]
     together = pc.simulate_scenes(scenes, 60, 20)
     for scene, motion in zip(scenes, together, strict=True):
         alone = scene.simulate(60, 20)
@@ -274,6 +275,8 @@ SETTINGS: dict[str, tuple[dict[str, Any], str]] = {
     "no time step": ({"time_step": 0.0}, "simulation.time_step=0.0 is out of range; accepted: a positive"),
     "nan": ({"density": float("nan")}, "simulation.density=nan"),
     "boundary": ({"boundary": "stickie"}, "did you mean 'sticky'"),
+    "transfer": ({"transfer": "axpik2"}, "accepted: apic, axpic2, axpic3, axpic4; did you mean 'axpic2'"),
+    "order of a transfer": ({"transfer": 2}, "simulation.transfer"),
     "empty domain": ({"domain": ((0, 0, 0), (1, -1, 1))}, "simulation.domain"),
     "nodes of another box": ({"domain": ((0, 0, 0), (2, 2, 2)), "grid_nodes": 20}, "simulation.grid_spacing"),
     "cells that do not fit": ({"grid_spacing": 0.07}, "a whole number of cells"),

@@ -143,11 +143,21 @@ MOVING = {
     ],
 )
 def test_the_momentum_of_a_body_is_the_recorded_impulse(case: str, backend: str) -> None:
+    momentum_is_impulse(case, backend, "apic")
+
+
+@pytest.mark.parametrize("case", ["sphere", "sticky"])
+def test_the_momentum_of_a_body_is_the_recorded_impulse_with_affine_xpic(case: str) -> None:
+    momentum_is_impulse(case, "auto", "axpic3")
+
+
+def momentum_is_impulse(case: str, backend: str, transfer: str) -> None:
     collider, velocity = MOVING[case]
     state = block()
     start = doubles(velocity)[:, None].expand_as(state.velocity)
     with using_backend(backend):
-        motion = run(settings_with(collider), state._replace(velocity=start.clone()), 100)
+        settings = replace(settings_with(collider), transfer=transfer)
+        motion = run(settings, state._replace(velocity=start.clone()), 100)
     given = (motion.velocity[-1] - start).sum(1) * 1000.0 * 0.2**3 / 64
     assert given.norm() > 0.5
     assert motion.impulses.shape == (2, 1, 1, 3)

@@ -56,13 +56,16 @@ def stepped(simulator: Simulator, numbers: Numbers) -> Tensor:
     return torch.cat([field.flatten() for field in simulator(state, scenes, parameters)])
 
 
-def step_of(material: str, boundary: str = "separate") -> Simulator:
-    return analytic_simulator(material, SimulationSettings(0.01, 1 / 8, 0.25, NO_GRAVITY, boundary))
+def step_of(material: str, boundary: str = "separate", transfer: str = "apic") -> Simulator:
+    settings = SimulationSettings(0.01, 1 / 8, 0.25, NO_GRAVITY, boundary, transfer=transfer)
+    return analytic_simulator(material, settings)
 
 
-def as_function_of(name: str, material: str, boundary: str = "separate") -> tuple[Callable[[Tensor], Tensor], Tensor]:
+def as_function_of(
+    name: str, material: str, boundary: str = "separate", transfer: str = "apic"
+) -> tuple[Callable[[Tensor], Tensor], Tensor]:
     """The step as a function of one of its inputs, and the input."""
-    numbers, simulator = numbers_of_two_scenes(material), step_of(material, boundary)
+    numbers, simulator = numbers_of_two_scenes(material), step_of(material, boundary, transfer)
     return lambda value: stepped(simulator, numbers | {name: value}), numbers[name]
 
 
@@ -74,6 +77,14 @@ def test_the_derivatives_of_a_step_are_those_of_finite_differences(material: str
     function, value = as_function_of(name, material)
     # every single derivative of elasticity, random projections of the others, whose laws are checked on their own
     fast = material != "elasticity"
+    assert torch.autograd.gradcheck(function, value.requires_grad_(), eps=1e-6, atol=1e-7, rtol=1e-6, fast_mode=fast)
+
+
+@pytest.mark.parametrize("transfer", ["axpic2", "axpic3"])
+@pytest.mark.parametrize("name", [*NUMBERS, "youngs_modulus"])
+def test_the_derivatives_hold_with_affine_xpic(name: str, transfer: str) -> None:
+    function, value = as_function_of(name, "elasticity", transfer=transfer)
+    fast = (name, transfer) != ("position", "axpic2")
     assert torch.autograd.gradcheck(function, value.requires_grad_(), eps=1e-6, atol=1e-7, rtol=1e-6, fast_mode=fast)
 
 

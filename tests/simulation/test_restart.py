@@ -45,7 +45,7 @@ def same_end(later: SceneRecord, whole: SceneRecord) -> None:
         ),
         pytest.param(("material=elasticity", "scene.velocity=[0.3,-1,0.1]"), id="in free fall"),
         pytest.param(
-            ("material=sand", "scene.spin=[0,3,1]", "scene.centre=[0.5,0.23,0.5]"),
+            ("material=sand", "scene.spin=[0,3,1]", "scene.centre=[0.5,0.23,0.5]", "simulation.transfer=axpic2"),
             id="spinning",
             marks=pytest.mark.slow,
         ),
