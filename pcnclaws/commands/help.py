@@ -1,4 +1,4 @@
-"""Help of a command: what it does, the groups that it has with their choices, and its options with their values."""
+"""Help of the console command, and of one command: its groups, their choices, its options with their values."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,6 +12,26 @@ FLAGS = {
     "--multirun": "one job for each combination of comma-separated values",
     "--hydra-help": "the flags of Hydra",
 }
+OF_CONSOLE = {
+    "pcnclaws COMMAND --help": "its groups and options",
+    "pcnclaws completion bash": 'completion for this shell, or zsh, fish: eval "$(pcnclaws completion bash)"',
+    "pcnclaws --version": "the version",
+}
+
+
+def overview(words: Mapping[str, str | None]) -> str:
+    """What `pcnclaws --help` prints.
+
+    words  the docstring of each command's task
+    """
+    commands = {name: (text or "").partition("\n")[0] for name, text in words.items()}
+    return "\n\n".join(
+        (
+            "pcnclaws COMMAND option=value group=choice ...",
+            _table("Commands, each also python -m pcnclaws.COMMAND", commands),
+            _table("More", OF_CONSOLE),
+        )
+    )
 
 
 def help_text(entry: str, words: str | None, overrides: Sequence[str]) -> str:
@@ -23,18 +43,19 @@ def help_text(entry: str, words: str | None, overrides: Sequence[str]) -> str:
     options, groups = composed_groups(entry, overrides)
     return "\n\n".join(
         (
-            f"{entry} option=value group=choice ...",
+            f"pcnclaws {entry} option=value group=choice ...",
             (words or "").partition("\n")[0],
             _table("Flags", FLAGS),
-            _table("Groups and their choices", {name: _choices(name) for name in sorted(groups)}),
+            _table("Groups and their choices", {name: ", ".join(choices_in(name)) for name in sorted(groups)}),
             f"Options\n\n{_shown(options)}",
         )
     )
 
 
-def _choices(group: str) -> str:
+def choices_in(group: str) -> list[str]:
+    """The choices of a group, those of files and those of objects."""
     files = (conf_folder() / group).glob("*.yaml")
-    return ", ".join(sorted({*(path.stem for path in files), *choices_of(group)}))
+    return sorted({*(path.stem for path in files), *choices_of(group)})
 
 
 def _table(title: str, rows: Mapping[str, str]) -> str:

@@ -78,6 +78,14 @@ def run(task: Task, entry: str, arguments: Sequence[str]) -> int:
     return jobs.status
 
 
+def say(text: str) -> None:
+    """Prints an answer; whoever has read enough (`| head`) hears no more."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        _listen_no_more()
+
+
 def _run(jobs: "Jobs", arguments: Sequence[str]) -> None:
     try:
         flags, overrides = _split(arguments)

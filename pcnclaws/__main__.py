@@ -1,0 +1,71 @@
+"""The console command: `pcnclaws train experiment=sand_multi` is `python -m pcnclaws.train experiment=sand_multi`."""
+
+import sys
+from collections.abc import Mapping, Sequence
+from typing import NoReturn
+
+import pcnclaws
+from pcnclaws.calibrate import calibrate
+from pcnclaws.commands import launcher
+from pcnclaws.commands.completion import SCRIPTS, candidates
+from pcnclaws.commands.help import overview
+from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.estimate import estimate
+from pcnclaws.evaluate import evaluate
+from pcnclaws.export import export
+from pcnclaws.generate import generate
+from pcnclaws.observe import observe
+from pcnclaws.render import render
+from pcnclaws.simulate import simulate
+from pcnclaws.train import train
+
+TASKS: Mapping[str, launcher.Task] = {
+    "generate": generate,
+    "train": train,
+    "simulate": simulate,
+    "evaluate": evaluate,
+    "estimate": estimate,
+    "observe": observe,
+    "calibrate": calibrate,
+    "render": render,
+    "export": export,
+}
+COMPLETION, COMPLETE = "completion", "complete"
+
+
+def run(arguments: Sequence[str]) -> int:
+    """The exit status of the console command with these arguments: the name of a command, then what it takes."""
+    name, *rest = arguments or ["--help"]
+    if name in TASKS:
+        return launcher.run(TASKS[name], name, rest)
+    try:
+        launcher.say(_answer(name, rest))
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return launcher.WRONG_INPUT
+    return 0
+
+
+def main() -> NoReturn:
+    """The command."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def _answer(name: str, rest: Sequence[str]) -> str:
+    """What the console command says itself; UserError for a name that is no command."""
+    if name in launcher.HELP:
+        return overview({name: task.__doc__ for name, task in TASKS.items()})
+    if name == "--version":
+        return f"pcnclaws {pcnclaws.__version__}"
+    if name == COMPLETION:
+        (shell, *_) = rest or [""]
+        if shell not in SCRIPTS:
+            raise unknown_name(COMPLETION, shell, SCRIPTS)
+        return SCRIPTS[shell]
+    if name == COMPLETE:  # called by those scripts, with the line as it was typed so far
+        return "\n".join(candidates(" ".join(rest), list(TASKS)))
+    raise unknown_name("command", name, [*TASKS, COMPLETION])
+
+
+if __name__ == "__main__":
+    main()
