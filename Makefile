@@ -1,6 +1,6 @@
 # `make` lists the targets. Each of them does its own set-up, once.
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-all test-gpu tables lint clean
+.PHONY: help install demo test test-all test-gpu tables docs notebooks package lint clean
 .DELETE_ON_ERROR:
 
 PYTHON ?= python3
@@ -8,6 +8,8 @@ VENV := .venv
 INSTALLED := $(VENV)/.installed
 INSTALLING := $(VENV)/.installing
 RUN := $(VENV)/bin/python -m
+DOCS_VENV := .venv-docs
+DOCS_INSTALLED := $(DOCS_VENV)/.installed
 # Two test processes with one thread each are faster than one with two.
 PYTEST := OMP_NUM_THREADS=1 $(RUN) pytest -n 2
 
@@ -38,6 +40,18 @@ tables: $(INSTALLED) ## write the pages of results from the JSON files in docs/r
 	$(RUN) benchmarks.pages.laws docs/laws
 	$(RUN) benchmarks.pages.real_beam docs/results/real_beam/real_beam.json docs/real_beam.md
 
+docs: $(DOCS_INSTALLED) ## build the docs site in outputs/site, without warnings
+	$(DOCS_VENV)/bin/mkdocs build --quiet --strict
+	@echo "open outputs/site/index.html"
+
+notebooks: $(INSTALLED) ## run the notebooks of the docs and keep their results in them
+	$(RUN) pip install --quiet --constraint requirements.lock --no-build-isolation --editable '.[notebooks]'
+	cd docs/notebooks && ../../$(VENV)/bin/jupyter execute --inplace *.ipynb
+
+package: $(INSTALLED) ## build wheel and source in dist; install each into a clean environment and run every command there
+	$(RUN) build --no-isolation --outdir dist .
+	$(RUN) pytest tests/test_packaging.py
+
 lint: $(INSTALLED) ## check style, types and the direction of imports
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
@@ -49,7 +63,7 @@ include benchmarks/estimation.mk
 include benchmarks/baselines.mk
 
 clean: ## remove caches and built packages; keeps .venv and outputs
-	rm -rf build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf build dist .venv-docs .pytest_cache .ruff_cache .hypothesis .import_linter_cache
 	find pcnclaws benchmarks tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # A set-up that was interrupted leaves INSTALLING behind, and the next one starts afresh. Modules are compiled when they
@@ -63,3 +77,9 @@ $(INSTALLED): requirements.lock pyproject.toml
 	$(RUN) pip install --quiet --no-compile --requirement requirements.lock
 	$(RUN) pip install --quiet --no-deps --no-build-isolation --editable .
 	@rm $(INSTALLING) && touch $(INSTALLED)
+
+# The site reads the source and imports none of it: an environment of its own, without PyTorch.
+$(DOCS_INSTALLED): docs/requirements.lock
+	rm -rf $(DOCS_VENV) && $(PYTHON) -m venv $(DOCS_VENV)
+	$(DOCS_VENV)/bin/python -m pip install --quiet --no-compile --requirement docs/requirements.lock
+	@touch $(DOCS_INSTALLED)

@@ -49,6 +49,17 @@ def reason(error: OSError) -> str:
     return f"{text[:1].lower()}{text[1:]}"
 
 
+def not_installed(feature: str, package: str, extra: str, otherwise: str) -> UserError:
+    """The error for a package that only some features need, with the command that installs it.
+
+    extra      the name under [project.optional-dependencies] in pyproject.toml that brings the package
+    otherwise  what is accepted without it
+    """
+    return UserError(
+        f"{feature} needs {package}, which is not installed; accepted: pip install 'pcnclaws[{extra}]', or {otherwise}"
+    )
+
+
 def unknown_name(option: str, name: object, known: Iterable[str], more: str = "") -> UserError:
     """The error for a name that is not in a table, with the nearest known name when one is close, or else `more`."""
     choices = sorted(known)

@@ -1,6 +1,7 @@
 """What all tests share: one thread each, and commands run as a user runs them or, faster, in this process."""
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -84,5 +85,30 @@ def command(tmp_path: Path) -> Callable[..., Outcome]:
             [sys.executable, "-m", f"pcnclaws.{entry}", *arguments], cwd=tmp_path, capture_output=True, text=True
         )
         return Outcome(done.returncode, done.stdout, done.stderr)
+
+    return run
+
+
+@pytest.fixture
+def on_the_path(tmp_path: Path) -> dict[str, str]:
+    """An environment in which `pcnclaws` is the command that a wheel installs."""
+    program = tmp_path / "bin" / "pcnclaws"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m pcnclaws "$@"\n')
+    program.chmod(0o755)
+    path = os.pathsep.join((str(program.parent), os.environ["PATH"]))
+    modules = os.pathsep.join((str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")))
+    return {**os.environ, "PATH": path, "PYTHONPATH": modules}
+
+
+@pytest.fixture
+def in_a_shell(tmp_path: Path, on_the_path: dict[str, str]) -> Callable[[str], None]:
+    """Runs lines of bash in an empty folder, and fails where one of them fails."""
+    bash = shutil.which("bash")
+    assert bash is not None
+
+    def run(lines: str) -> None:
+        done = subprocess.run([bash, "-e", "-c", lines], cwd=tmp_path, env=on_the_path, capture_output=True, text=True)
+        assert done.returncode == 0, f"{lines}\n{done.stdout}\n{done.stderr}"
 
     return run

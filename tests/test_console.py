@@ -1,9 +1,7 @@
 """The console command `pcnclaws`: the commands by their names, help, and completion in a shell."""
 
-import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -69,17 +67,6 @@ def test_completion_knows_commands_options_groups_and_choices() -> None:
     assert complete("pcnclaws simulate --mul") == ["--multirun"]
     assert complete("pcnclaws simulate scene.mesh=bo") == []
     assert complete("pcnclaws simualte mat") == []
-
-
-@pytest.fixture
-def on_the_path(tmp_path: Path) -> dict[str, str]:
-    """An environment in which `pcnclaws` is what a wheel installs."""
-    program = tmp_path / "bin" / "pcnclaws"
-    program.parent.mkdir()
-    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m pcnclaws "$@"\n')
-    program.chmod(0o755)
-    python_path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    return {**os.environ, "PATH": f"{program.parent}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": python_path}
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import numpy as np
 
 from pcnclaws.atomic import replaced_file
 from pcnclaws.data.scene_notes import MARK, line_of, notes_of
-from pcnclaws.errors import UserError
+from pcnclaws.errors import not_installed
 from pcnclaws.simulation.particle_fields import ParticleFields
 
 ROOT = "/particles"
@@ -25,10 +25,8 @@ def require_usd() -> Any:
             **{name: importlib.import_module(f"pxr.{name}") for name in ("Sdf", "Usd", "UsdGeom", "Vt")}
         )
     except ImportError as error:
-        raise UserError(
-            "USD files are written by usd-core, which is not installed; accepted: pip install pcnclaws[usd], or a file "
-            "that ends in .ply, .pvd, .npz or .csv"
-        ) from error
+        otherwise = "a file that ends in .ply, .pvd, .npz or .csv"
+        raise not_installed("a USD file", "usd-core", "usd", otherwise) from error
 
 
 def write_usd(path: Path, fields: ParticleFields) -> None:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from pcnclaws.errors import UserError
+from pcnclaws.errors import UserError, not_installed
 from pcnclaws.geometry.lattices import lattice_points
 from pcnclaws.geometry.mesh_faults import is_closed, single_faces, surface_fault, without_walls
 from pcnclaws.geometry.winding import lattice_winding
@@ -149,10 +149,7 @@ def _trimesh(named: str) -> ModuleType:
     try:
         import trimesh
     except ImportError as error:
-        raise UserError(
-            f"{named} needs trimesh, which is not installed; "
-            "accepted: pip install pcnclaws[mesh], or scene.particles=FILE"
-        ) from error
+        raise not_installed(named, "trimesh", "mesh", "scene.particles=FILE") from error
     return trimesh
 
 

@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from PIL import Image, ImageDraw, ImageFont
 
 from pcnclaws.atomic import replaced_file
-from pcnclaws.errors import UserError
+from pcnclaws.errors import not_installed
 from pcnclaws.rendering.colouring import Scale
 from pcnclaws.rendering.labels import FONT
 from pcnclaws.rendering.montage import Montage
@@ -70,10 +70,8 @@ def encoder() -> str:
     try:
         return importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe()
     except (ImportError, RuntimeError) as error:
-        raise UserError(
-            "MP4 films are encoded by imageio-ffmpeg, which is not installed; accepted: pip install pcnclaws[video], "
-            "or an output= that ends in .gif or .png"
-        ) from error
+        otherwise = "an output= that ends in .gif or .png"
+        raise not_installed("an MP4 film", "imageio-ffmpeg", "video", otherwise) from error
 
 
 def write_mp4(

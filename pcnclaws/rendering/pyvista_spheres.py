@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from pcnclaws.errors import UserError
+from pcnclaws.errors import not_installed
 from pcnclaws.rendering.camera import Camera
 from pcnclaws.rendering.stage import LIGHT
 
@@ -21,9 +21,7 @@ def require_pyvista() -> Any:
         logger.SetStderrVerbosity(logger.VERBOSITY_ERROR)
         return importlib.import_module("pyvista")
     except ImportError as error:
-        raise UserError(
-            "renderer=pyvista: it is not installed; accepted: pip install pcnclaws[pyvista], or renderer=matplotlib"
-        ) from error
+        raise not_installed("renderer=pyvista", "pyvista", "pyvista", "renderer=matplotlib") from error
 
 
 def pyvista_spheres(

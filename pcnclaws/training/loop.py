@@ -12,7 +12,7 @@ from lightning.pytorch import Callback, Trainer
 from lightning.pytorch.callbacks import EarlyStopping
 from lightning.pytorch.loggers import CSVLogger, Logger, TensorBoardLogger, WandbLogger
 
-from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.errors import UserError, not_installed, unknown_name
 
 LOGGERS = ("tensorboard", "csv", "wandb")
 # Options of the Trainer that options of ours set.
@@ -55,7 +55,7 @@ class Loop:
         if self.logger not in LOGGERS:
             raise unknown_name("logger.name", self.logger, LOGGERS)
         if self.logger == "wandb" and find_spec("wandb") is None:
-            raise UserError("logger=wandb needs 'pip install pcnclaws[wandb]'; accepted without it: tensorboard, csv")
+            raise not_installed("logger=wandb", "wandb", "wandb", "logger=tensorboard or logger=csv")
         if not self.min_delta >= 0.0:
             raise UserError(
                 f"callbacks.early_stopping.min_delta={self.min_delta} is not accepted; accepted: a number from 0 [m^2]"

@@ -190,7 +190,7 @@ def test_without_trimesh_the_line_says_how_to_install_it(in_process, monkeypatch
     assert outcome.status == 2
     (line,) = outcome.err.splitlines()
     assert "scene.mesh=body.stl" in line
-    assert "pip install pcnclaws[mesh]" in line
+    assert "pip install 'pcnclaws[mesh]'" in line
 
 
 def test_a_mesh_falls_as_a_body_under_its_name_and_spins_about_the_centre(in_process, tmp_path: Path) -> None:

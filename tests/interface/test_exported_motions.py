@@ -128,7 +128,7 @@ def test_usd_core_reads_points_with_time_samples(ending: str, motion, expected, 
 
 def test_without_usd_core_a_line_says_how_to_install_it(motion, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "pxr.Sdf", None)
-    with pytest.raises(pc.UserError, match=r"pip install pcnclaws\[usd\]"):
+    with pytest.raises(pc.UserError, match=r"pip install 'pcnclaws\[usd\]'"):
         motion.save(tmp_path / "x.usd")
 
 

@@ -186,4 +186,4 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(module, argu
     monkeypatch.setitem(sys.modules, module, None)
     outcome = drawn("trajectory=a.h5", arguments)
     assert outcome.status == 2
-    assert f"pip install pcnclaws[{extra}]" in outcome.err
+    assert f"pip install 'pcnclaws[{extra}]'" in outcome.err
