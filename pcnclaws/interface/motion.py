@@ -1,6 +1,7 @@
 """What a simulation gives back: the motion of a scene, particle-first."""
 
 import logging
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -75,6 +76,11 @@ class Motion:
     def __repr__(self) -> str:
         frames, count, _ = self.position.shape
         return f"Motion({self.record.name!r}, {frames} frames, {count} particles, {float(self.time[-1]):.4g} s)"
+
+    def _repr_png_(self) -> bytes:
+        """The picture of five frames that a notebook shows."""
+        with tempfile.TemporaryDirectory() as folder:
+            return self.save(Path(folder) / "motion.png").read_bytes()
 
     def save(self, path: str | Path, frame: int | None = -1) -> Path:
         """Writes the motion to a file, whole or not at all, and returns its path. The ending decides:
