@@ -37,9 +37,19 @@ int main() {
     each(n, [&] { gather_state(settings, bodies, fields(before), moved.data(), fields(after)); });
     each(n, [&] { scatter_gradient(settings, bodies, fields(before), fields(incoming), node_gradients.data()); });
     each(node_count, [&] { adjoint_nodes(settings, bodies, momentum.data(), node_gradients.data()); });
+    // affine XPIC
+    std::vector<Quad<T>> term(node_count), change(node_count), next(node_count);
+    each(node_count, [&] { begin_terms(settings, bodies, momentum.data(), term.data()); });
+    each(n, [&] { return_term(settings, bodies, fields(before), term.data(), LAST_TERM, change.data()); });
+    each(node_count, [&] { add_term(settings, bodies, momentum.data(), term.data(), change.data(), next.data()); });
+    each(node_count, [&] {
+        find_term_gradient(settings, bodies, momentum.data(), node_gradients.data(), node_gradients.data(),
+                           change.data(), term.data(), next.data());
+    });
+    const Terms<T> terms{1, {term.data()}, {node_gradients.data()}};
     each(n, [&] {
         gather_gradient(settings, bodies, fields(before), {after[1].data(), after[2].data()}, fields(incoming),
-                        moved.data(), node_gradients.data(), fields(gradient));
+                        moved.data(), next.data(), fields(gradient), terms);
     });
     each(n, [&] { find_failing(n, Corners{{0, 0, 0}, {1, 1, 1}}, before[0].data(), before[3].data(), failed.get()); });
     std::puts("done");

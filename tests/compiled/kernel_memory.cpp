@@ -50,7 +50,7 @@ static void run_laws() {
 }
 
 // Some scenes, one of them empty, with particles beside the walls, beyond them and nowhere.
-static void run_step(size_t n, bool window) {
+static void run_step(size_t n, bool window, int64_t order) {
     const int64_t scenes = 3;
     std::vector<unsigned char> walls;
     for (int axis = 0; axis < 3; axis++)
@@ -60,7 +60,7 @@ static void run_step(size_t n, bool window) {
     const auto mass = random_array<T>(n, 0.5, 1.5), volume = random_array<T>(n, 1e-4, 2e-4);
     const auto gravity = random_array<T>(3 * scenes, -9.0, 9.0);
     const Box grid{{-1, -1, -1}, {11, 11, 11}};
-    const Settings settings{1e-4, {0, 0, 0}, 10, grid, SEPARATE, window, walls.data()};
+    const Settings settings{1e-4, {0, 0, 0}, 10, grid, SEPARATE, window, walls.data(), order};
     const Bodies<T> bodies{int64_t(n), scenes, scene.data(), mass.data(), volume.data(), gravity.data()};
     std::vector<std::vector<T>> before = {stray_positions<T>(n), random_array<T>(3 * n, -1.0, 1.0),
                                           random_array<T>(9 * n, -1.0, 1.0), deformations<T>(n),
@@ -102,6 +102,7 @@ static void run_step(size_t n, bool window) {
 int main() {
     run_laws();
     for (size_t n : {2, 37, 3000})
-        for (bool window : {false, true}) run_step(n, window);
+        for (bool window : {false, true})
+            for (int64_t order : {1, 2, 4}) run_step(n, window, order);
     std::puts("done");
 }
