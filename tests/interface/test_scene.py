@@ -276,7 +276,6 @@ SETTINGS: dict[str, tuple[dict[str, Any], str]] = {
     "nan": ({"density": float("nan")}, "simulation.density=nan"),
     "boundary": ({"boundary": "stickie"}, "did you mean 'sticky'"),
     "transfer": ({"transfer": "axpik2"}, "accepted: apic, axpic2, axpic3, axpic4; did you mean 'axpic2'"),
-    "order of a transfer": ({"transfer": 2}, "simulation.transfer"),
     "empty domain": ({"domain": ((0, 0, 0), (1, -1, 1))}, "simulation.domain"),
     "nodes of another box": ({"domain": ((0, 0, 0), (2, 2, 2)), "grid_nodes": 20}, "simulation.grid_spacing"),
     "cells that do not fit": ({"grid_spacing": 0.07}, "a whole number of cells"),
