@@ -6,7 +6,18 @@ from typing import Any, NamedTuple
 
 from rich.table import Table
 
-from benchmarks import fuzzing, kills, own_laws, run_time_vs_error, scaling, skips, stability, step_cost, transfers
+from benchmarks import (
+    fine_tuning,
+    fuzzing,
+    kills,
+    own_laws,
+    run_time_vs_error,
+    scaling,
+    skips,
+    stability,
+    step_cost,
+    transfers,
+)
 from benchmarks import training_time as training
 from benchmarks.context import BenchmarkContext
 from benchmarks.real_beam import problem as real_beam
@@ -30,6 +41,7 @@ class Problem(NamedTuple):
 
 
 PROBLEMS = {
+    "fine_tuning": Problem(fine_tuning.run, fine_tuning.draw, fine_tuning.tables),
     "fuzzing": Problem(fuzzing.run, fuzzing.draw, fuzzing.tables),
     "kills": Problem(kills.run, kills.draw, kills.tables),
     "own_laws": Problem(own_laws.run, own_laws.draw, own_laws.tables),

@@ -34,6 +34,10 @@ SMOKE = {
         *("problem.backends=[torch]", "problem.particles_per_edge=4", "problem.steps=8", "problem.samples=1"),
         *("problem.switches=[free_fall,history,all]", "problem.memory=false"),
     ],
+    "fine_tuning": [
+        *("problem.pairs=[mohr_coulomb]", "problem.scenes=1", "problem.fine_tuning=[1]", "problem.training=[1]"),
+        "problem.steps=20",
+    ],
     "transfers": [
         *("problem.transfers=[apic,axpic2]", "problem.cells=4", "problem.cfl=[0.2]", "problem.periods=1"),
         *("problem.long_cfl=0.4", "problem.long_periods=2", "problem.scenes=1", "problem.steps=2", "problem.samples=1"),
@@ -45,7 +49,7 @@ SMOKE = {
 }
 
 
-DEAR = ("training", "scaling", "step_cost", "skips")
+DEAR = ("fine_tuning", "training", "scaling", "step_cost", "skips")
 
 
 def check_own_laws(results: dict) -> None:
@@ -95,7 +99,14 @@ def check_transfers(results: dict) -> None:
     assert all(row["ratio"] == 1.0 for row in results["costs"] if row["transfer"] == "apic")
 
 
+def check_fine_tuning(results: dict) -> None:
+    rows = {(row["start"], row["iterations"]): row for row in results["rows"]}
+    assert set(rows) == {("shipped", 0), ("shipped", 1), ("nothing", 1)}
+    assert rows["shipped", 0]["old"] < 1e-8 < rows["nothing", 1]["old"], "the shipped law knows its own material"
+
+
 CHECKS = {
+    "fine_tuning": check_fine_tuning,
     "own_laws": check_own_laws,
     "step_cost": check_step_cost,
     "scaling": check_scaling,
