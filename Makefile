@@ -1,6 +1,6 @@
 # `make` lists the targets. Each of them does its own set-up, once.
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-all test-gpu tables docs notebooks package lint clean
+.PHONY: help install demo test test-all test-gpu tables docs notebooks package test-lowest lint clean
 .DELETE_ON_ERROR:
 
 PYTHON ?= python3
@@ -51,6 +51,9 @@ notebooks: $(INSTALLED) ## run the notebooks of the docs and keep their results 
 package: $(INSTALLED) ## build wheel and source in dist; install each into a clean environment and run every command there
 	$(RUN) build --no-isolation --outdir dist .
 	$(RUN) pytest tests/test_packaging.py
+
+test-lowest: $(INSTALLED) ## run every command with the lowest versions that pyproject.toml accepts
+	VERSIONS=requirements.lowest $(RUN) pytest tests/test_packaging.py -k every_command
 
 lint: $(INSTALLED) ## check style, types and the direction of imports
 	$(VENV)/bin/ruff check

@@ -21,6 +21,8 @@ from pcnclaws.errors import not_installed
 
 ROOT = Path(__file__).parents[1]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+# Which versions are installed with the wheel: `make test-lowest` asks for the lowest.
+VERSIONS = ROOT / os.environ.get("VERSIONS", "requirements.lock")
 # Loaded by other packages: Lightning writes TensorBoard's files.
 NAMED_ALONE = {"tensorboard"}
 
@@ -46,6 +48,17 @@ def test_what_is_imported_is_asked_for_and_nothing_else() -> None:
     needed = {of_module[name][0].lower() for name in imported()} | NAMED_ALONE
     (mesh,) = PROJECT["optional-dependencies"]["mesh"]
     assert needed - {distribution(mesh)} == {distribution(line) for line in PROJECT["dependencies"]}
+
+
+def test_the_lowest_versions_are_those_that_are_accepted() -> None:
+    lines = (ROOT / "requirements.lowest").read_text(encoding="utf-8").splitlines()
+    lowest = dict(line.split("==") for line in lines if "==" in line)
+    accepted = {distribution(line): re.split(r">=|,", line)[1] for line in PROJECT["dependencies"]}
+    found = {name: lowest[name].split(".") for name in accepted}
+    assert {
+        name: version.split(".") + ["0"] * (len(found[name]) - version.count(".") - 1)
+        for name, version in accepted.items()
+    } == found
 
 
 def refusals() -> Iterator[tuple[str, str]]:
@@ -103,13 +116,13 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.fixture(scope="module")
 def installed(built: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Installed:
-    """The wheel with what it asks for, in the versions of requirements.lock, and no extra."""
+    """The wheel with what it asks for, in the versions of VERSIONS, and no extra."""
     folder = tmp_path_factory.mktemp("installed")
     venv.create(folder / "environment", with_pip=True)
     work = folder / "work"
     work.mkdir()
     environment = Installed(folder / "environment" / "bin", work)
-    environment.pip("--constraint", str(ROOT / "requirements.lock"), str(built["wheel"]))
+    environment.pip("--constraint", str(VERSIONS), str(built["wheel"]))
     return environment
 
 
@@ -183,7 +196,7 @@ def test_what_needs_an_extra_says_which(installed: Installed) -> None:
     }.items():
         assert f"accepted: pip install 'pcnclaws[{extra}]', or " in installed.refused(*arguments)
     # and that command is one that pip takes, of the package that is there
-    installed.pip("--constraint", str(ROOT / "requirements.lock"), "pcnclaws[mesh]")
+    installed.pip("--constraint", str(VERSIONS), "pcnclaws[mesh]")
     assert "body.stl" in installed.refused("simulate", "scene.mesh=body.stl")
 
 
