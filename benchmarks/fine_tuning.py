@@ -37,9 +37,10 @@ from pcnclaws.training.sources import show_deformations
 from pcnclaws.training.trainer import fit, quiet_lightning
 from pcnclaws.training.weights import model_weights, set_model_weights
 
-# As in conf/training/keyframes.yaml.
+# As in conf/training/keyframes.yaml, and in fine_tuning.yaml.
 SEGMENTS, SEGMENT_LENGTH = 4, 20
 OPTIMISER = OptimiserSettings(gradient_clip=10.0)
+FINE_TUNING = OptimiserSettings(learning_rate=1e-2, gradient_clip=10.0)
 
 
 class Pair(NamedTuple):
@@ -176,7 +177,7 @@ def _train(
     show_deformations(laws.elasticity, records, beside)
     plan = SegmentPlan(iterations, SEGMENTS, first=SEGMENT_LENGTH, last=SEGMENT_LENGTH, seed=context.seed)
     segments = TrajectoryDataModule(records, records, plan, check_every=iterations)
-    module = MultiSceneModule(laws, segments.dataset.settings, OPTIMISER, iterations)
+    module = MultiSceneModule(laws, segments.dataset.settings, FINE_TUNING if beside else OPTIMISER, iterations)
     with tempfile.TemporaryDirectory() as folder:
         fit(module, segments, Path(folder), context.device, console=Console(quiet=True))
 
