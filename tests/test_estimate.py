@@ -170,6 +170,7 @@ def test_free_flight_gives_no_number(estimated, tmp_path: Path) -> None:
         (["observation.file=y.h5"], "y.h5: no such file"),
         (["observation.scene=b"], "scene='b' is not known"),
         (["observation.window=[3,4]"], "observation.window=[3, 4] holds no observed position"),
+        (["simulation.time_step=auto"], "simulation.time_step=auto is not accepted here; accepted: a positive"),
         (["observation.window=3"], "observation.window=3 is not accepted"),
         (["material=sand"], "observed of material 'elasticity'; accepted: sand"),
         (["initial_guess.youngs_modulus=-1"], "initial_guess.youngs_modulus=-1 is not accepted"),

@@ -37,6 +37,8 @@ HYDRA_VERSION_BASE = "1.3"
 GROUP_CHOICE = re.compile(r"(?P<group>[\w/]+)=(?P<choice>[\w.-]+)")
 # The option with a word for all of its switches, which are a group of files for Hydra.
 SWITCHES = re.compile(r"\+{0,2}simulation\.skip=(?!\{)(?P<words>.*)")
+# Longer names of options than a file system has names for.
+LONGEST_NAME = 200
 SWITCH_WORDS = ("all", "none")
 
 
@@ -69,7 +71,18 @@ def composed_groups(entry: str, overrides: Sequence[str]) -> tuple[DictConfig, l
 
 
 def as_hydra_reads_them(overrides: Sequence[str]) -> list[str]:
-    """The overrides with `simulation.skip=none` as the choice of a group, and those of an open group as additions."""
+    """The overrides with `simulation.skip=none` as the choice of a group, and those of an open group as additions.
+
+    raises  UserError for what Hydra would look for among the files and fail: endless names, and a list for a group
+    """
+    for override in overrides:
+        name, _, value = override.partition("=")
+        if len(name) > LONGEST_NAME:
+            raise UserError(f"option='{name[:40]}...' is not known; accepted: what --help lists, no names so long")
+        group = name.lstrip("+")
+        if value.startswith("[") and re.fullmatch(r"[\w/]+", group) and (conf_folder() / group).is_dir():
+            choices = sorted({*(path.stem for path in (conf_folder() / group).glob("*.yaml")), *choices_of(group)})
+            raise UserError(f"{override[:80]} is not accepted; accepted: one of {', '.join(choices)}")
     return [_as_addition(_as_group_choice(override)) for override in overrides]
 
 

@@ -62,7 +62,7 @@ FREE_OPTIONS = ("output", "overwrite", "picture", "trajectory", "threads", "path
 def estimate(config: EstimateConfig) -> Mapping[str, float | None]:
     """Searches the parameters that explain the observation, and writes them to `output` with their intervals.
 
-    returns  the estimates, and the error of the fit
+    returns  the estimates, the error of the fit, and the residual over the scatter of the positions
     """
     output = output_file(
         config.output, scene_files(config.scene) | {"observation.file": config.observation.file}, *RESULT
@@ -121,7 +121,8 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     shutil.rmtree(folder / "checkpoints", ignore_errors=True)
     console.print(f"wrote {output}: MSE {mse:.2e} m^2 in {values['seconds']:g} s")
     found_values = {name: one["estimate"] for name, one in values["parameters"].items()}
-    return {**found_values, "MSE [m^2]": mse}
+    over_scatter = fit.residual / fit.scatter.size if fit.scatter and fit.scatter.size else None
+    return {**found_values, "MSE [m^2]": mse, "residual / scatter": over_scatter}
 
 
 def _search_folder(output: Path) -> Path:

@@ -96,6 +96,11 @@ def _observed_settings(simulation: ObservedSimulation, scene: Scene, own: Simula
     of_grid = ("time_step", "domain", "grid_spacing", "wall_distance", "transfer")
     names = (*of_grid, "gravity", "boundary", "density", "friction")
     given = {name: value for name in names if (value := getattr(simulation, name)) is not None}
+    if isinstance(given.get("time_step"), str):
+        raise UserError(
+            f"simulation.time_step={given['time_step']} is not accepted here; accepted: a positive number [s], or "
+            "null for that of the observation"
+        )
     if "gravity" in given:
         given["gravity"] = tuple(float(component) for component in given["gravity"])
     if "domain" in given:

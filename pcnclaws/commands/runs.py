@@ -210,8 +210,6 @@ def start_run(folder: Path, config: Mapping[str, Any], overwrite: bool = False) 
     """Claims a run folder for this configuration. overwrite removes what another run left in it."""
     if overwrite and (folder / CONFIG).is_file():
         _clear(folder)
-    elif goes_on(folder, config):
-        (folder / METRICS).unlink(missing_ok=True)  # until the longer run is finished, too
     with replaced_file(folder / CONFIG) as part:
         part.write(yaml.safe_dump(dict(config), sort_keys=False, encoding="utf-8"))
 

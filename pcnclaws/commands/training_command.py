@@ -83,9 +83,12 @@ def _train(config: TrainConfig) -> None:
     scenes = own or for_regime(_generated_scenes(config), regime, config.regime.scene)
     if initial is not None:
         scenes = beside_initial_data(scenes, initial)
-    prepared = setup(config, model, scenes, _interval_before(config, folder, options))
+    more = not config.overwrite and goes_on(folder, options)
+    prepared = setup(config, model, scenes, _interval_before(folder) if more else None)
     for note in (*scenes.notes, *model_notes, *start_notes, *prepared.notes):
         console.print(note)
+    if more:  # it is not finished until the longer run is
+        (folder / METRICS).unlink(missing_ok=True)
     start_run(folder, options, config.overwrite)
     untrained, untrained_mse = copy.deepcopy(model), _check_before(config, prepared, console)
     fitted = fit(
@@ -155,10 +158,8 @@ def _check_before(config: TrainConfig, prepared: Setup, console: Console) -> flo
     return mse
 
 
-def _interval_before(config: TrainConfig, folder: Path, options: Mapping[str, Any]) -> int | None:
-    """Iterations between the checks of a run that is asked for more iterations; None for all others."""
-    if config.overwrite or not goes_on(folder, options):
-        return None
+def _interval_before(folder: Path) -> int | None:
+    """Iterations between the checks of the run in a folder; None where it has had none."""
     checkpoint = newest_checkpoint(folder / CHECKPOINTS)
     return None if checkpoint is None else check_interval(checkpoint)
 

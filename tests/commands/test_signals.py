@@ -147,7 +147,9 @@ def test_a_training_that_is_terminated_keeps_its_checkpoint_and_nobody_else_writ
     assert ended.status == 143
     assert refused[0].startswith("output=ended is being written by another process")
     assert ended.err == f"error: terminated; the same command goes on from ended/checkpoints/{LAST}\n"
-    assert {entry.name for entry in (tmp_path / "ended").iterdir()} == {"checkpoints", "config.yaml", "tensorboard"}
+    assert {entry.name for entry in (tmp_path / "ended").iterdir()} == {
+        *("checkpoints", "config.yaml", "tensorboard", "weights.safetensors")
+    }
     for output in ("ended", "whole"):
         assert in_process(train, "train", *options, f"output={output}").status == 0
     whole, continued = (read_weights(tmp_path / output / WEIGHTS)[0] for output in ("whole", "ended"))
