@@ -49,7 +49,7 @@ SMOKE = {
 }
 
 
-DEAR = ("fine_tuning", "training", "scaling", "step_cost", "skips")
+DEAR = ("own_laws", "fine_tuning", "training", "scaling", "step_cost", "skips")
 
 
 def check_own_laws(results: dict) -> None:

@@ -42,7 +42,9 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning"),
 ]
 BOTH = pytest.mark.parametrize("kind", ["analytic", "neural"])
-EVERY = pytest.mark.parametrize("kind", ["analytic", "neural", "free flow", "no prior"])
+# kernels of each are compiled for it, which takes seconds
+DEAR = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("free flow", "no prior")]
+EVERY = pytest.mark.parametrize("kind", ["analytic", "neural", *DEAR])
 EACH = pytest.mark.parametrize("material", MATERIALS)
 
 
