@@ -126,6 +126,8 @@ def draw(document: Mapping[str, Any], folder: Path) -> list[Path]:
             [row["cfl"] for row in own], [row["kept"] for row in own], "o-", color=COLOURS[number], label=transfer
         )
     axis.set_xscale("log")
+    axis.set_xticks(document["options"]["cfl"], [f"{number:g}" for number in document["options"]["cfl"]])
+    axis.minorticks_off()
     decorate(axis, "CFL number", f"amplitude left after {short} periods")
     axis.legend(frameon=False)
     return [save(figure, folder / f"{document['problem']}.png")]

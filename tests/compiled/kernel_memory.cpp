@@ -1,53 +1,15 @@
-// Runs the kernels on arrays of exactly their size, for a sanitizer to find what reads or writes beyond them. NUMBER is the
+// Runs the kernels of the step on arrays of exactly their size, for a sanitizer to find what reads or writes beyond them. NUMBER is the
 // type of the state.
 #include <cstdio>
 #include <memory>
 #include <vector>
 
 #include "failing.hpp"
-#include "isotropic.hpp"
 #include "random_arrays.hpp"
 #include "transfer.hpp"
 
 using namespace pcnclaws;
 using T = NUMBER;
-
-template <class Law> void run_law(size_t n, int width, int threads) {
-    constexpr bool NETWORK = Law::FEATURES > 0;
-    const int rows = Law::PARAMETERS + (NETWORK ? 1 : 0);
-    const auto f = deformations<T>(n), incoming = random_array<T>(9 * n, -1.0, 1.0);
-    const auto parameters = random_array<T>(rows * n, 0.5, 1.5), rates = random_array<T>(rows * n, -1.0, 1.0);
-    const int sizes[LAYERS + 1] = {Law::FEATURES + rows - Law::PARAMETERS, width, width, Law::OUTPUTS};
-    std::vector<std::vector<T>> arrays, gradients;
-    for (int l = 0; l < LAYERS; l++) arrays.push_back(random_array<T>(size_t(sizes[l]) * sizes[l + 1], -0.3, 0.3));
-    for (int l = 0; l < LAYERS; l++) arrays.push_back(random_array<T>(size_t(sizes[l + 1]), -0.3, 0.3));
-    gradients = arrays;
-    Weights<T> weights{};
-    T* wanted[2 * LAYERS];
-    for (int l = 0; l < 2 * LAYERS; l++) wanted[l] = gradients[l].data();
-    for (int l = 0; l <= LAYERS; l++) weights.sizes[l] = sizes[l];
-    for (int l = 0; l < LAYERS; l++) {
-        weights.w[l] = arrays[l].data();
-        weights.b[l] = arrays[LAYERS + l].data();
-    }
-    const LawInput<T> in{int64_t(n), f.data(), parameters.data(), rows, NETWORK ? &weights : nullptr};
-    std::vector<T> result(9 * n), gradient(9 * n), of_parameters(rows * n);
-    law_forward<T, Law>(in, result.data(), threads);
-    law_adjoint<T, Law>(in, incoming.data(), gradient.data(), of_parameters.data(), NETWORK ? wanted : nullptr, threads);
-    law_rates<T, Law>(in, incoming.data(), rates.data(), result.data(), gradient.data(), threads);
-}
-
-static void run_laws() {
-    for (size_t n : {1, 33, 1030})
-        for (int threads : {1, 2}) {
-            run_law<FixedCorotated>(n, 1, threads);
-            run_law<Tresca>(n, 1, threads);
-            for (int width : {1, 7, 40}) {
-                run_law<ElasticNet>(n, width, threads);
-                run_law<PlasticNet>(n, width, threads);
-            }
-        }
-}
 
 // Some scenes, one of them empty, with particles beside the walls, beyond them and nowhere.
 static void run_step(size_t n, bool window, int64_t order) {
@@ -100,7 +62,6 @@ static void run_step(size_t n, bool window, int64_t order) {
 }
 
 int main() {
-    run_laws();
     for (size_t n : {2, 37, 3000})
         for (bool window : {false, true})
             for (int64_t order : {1, 2, 4}) run_step(n, window, order);
