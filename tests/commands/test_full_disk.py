@@ -84,6 +84,7 @@ def test_a_checkpoint_that_finds_no_room_leaves_the_others(tmp_path: Path) -> No
     assert AtomicCheckpointIO().load_checkpoint(tmp_path / LAST) == {"number": 1}
 
 
+@pytest.mark.slow
 def test_a_command_that_finds_no_room_ends_with_one_line_and_status_1(tmp_path: Path) -> None:
     options = ["material=sand", "scene.side=0.2", "scene.particles_per_edge=8", "simulation.steps=10", "output=out.h5"]
     done = subprocess.run(
