@@ -25,12 +25,6 @@ CASES = [
         "the time step goes to 0 with 1 - 2 nu.",
     ),
     absent(
-        "zener_ramp_hold",
-        "A Zener solid relaxes from a ramp of strain as its closed form says.",
-        "There is no law of it: the viscous law is Newton's, which beside an elastic law makes a Kelvin-Voigt solid "
-        "(`viscous_bar`). One of one's own would have to keep the six components of a viscous strain.",
-    ),
-    absent(
         "couette_bingham",
         "A Newtonian or Bingham fluid between plates has its profile of velocity.",
         "There is no law of a fluid among the materials, and a sheared elastic body with viscosity stores its shear.",
@@ -39,12 +33,6 @@ CASES = [
         "measured_cantilever",
         "A beam of silicone sags and swings as it was filmed.",
         "Its Poisson's ratio is near 0.5, where cells lock; its geometry with nu 0 is `thick_cantilever`.",
-    ),
-    absent(
-        "manufactured_forcing",
-        "A manufactured solution with a force that varies smoothly in space and time converges with order 2.",
-        "Loads are uniform in boxes and constant in spans of time. The free bar, whose standing wave is an exact "
-        "solution without a force, stands for it (`axial_bar_order`).",
     ),
     absent(
         "ritter_dam_break",

@@ -39,7 +39,7 @@ def read_table(file: Path) -> LoadingPath:
             continue
         match = STRESS.fullmatch(name)
         if match is None:
-            raise UserError(f"{file}: the column '{name[:60]}' is not known; accepted: {ACCEPTED}")
+            raise UserError(f"{file}: the column '{_shown(name)}' is not known; accepted: {ACCEPTED}")
         if match["unit"] is None:
             raise UserError(f"{file}: the column '{name}' has no unit; accepted: {name}_Pa, {name}_kPa, {name}_MPa")
         i, j = (int(match["i"]) - 1, int(match["j"]) - 1) if match["i"] else (0, 1 if sheared else 0)
@@ -88,7 +88,7 @@ def _rows(file: Path) -> tuple[list[str], np.ndarray]:
                 raise UserError(f"{file}: line {lines.line_num} has {len(line)} cells; accepted: {len(header)}")
             values.append([_number(cell, name, file, lines.line_num) for name, cell in zip(header, line, strict=True)])
     if not values:
-        raise UserError(f"{file}: holds no points; accepted: a line a point under {','.join(header)[:60]}")
+        raise UserError(f"{file}: holds no points; accepted: a line a point under {_shown(','.join(header))}")
     return header, np.array(values)
 
 
@@ -98,7 +98,11 @@ def _number(cell: str, name: str, file: Path, line: int) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        text = cell.strip()[:40]
-        shown = text if text.isprintable() else ascii(text)
-        raise UserError(f"{file}: line {line}: {name[:60]}={shown} is not a finite number; accepted: a finite number")
+        given = f"{_shown(name)}={_shown(cell.strip())}"
+        raise UserError(f"{file}: line {line}: {given} is not a finite number; accepted: a finite number")
     return value
+
+
+def _shown(text: str) -> str:
+    """The beginning of a cell, on one line."""
+    return text[:60] if text[:60].isprintable() else ascii(text[:60])

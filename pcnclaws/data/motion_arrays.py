@@ -12,6 +12,7 @@ from pcnclaws.laws.parameters import PARAMETERS
 from pcnclaws.simulation.records import SceneRecord
 
 WORDS = ("name", "material", "boundary", "transfer")
+LONGEST_WORD, LAST_LETTER = 100, 0x110000
 # Arrays that are the same in all frames.
 FIXED = tuple(name for name in READ if name != "velocity" and name not in PARAMETERS)
 
@@ -49,7 +50,7 @@ def _frames(path: Path, arrays: dict[str, np.ndarray]) -> list[Frame]:
     fixed |= {name: arrays[name] for name in PARAMETERS if name in arrays and arrays[name].ndim}
     fixed = checked_fields(fixed, count, where)
     notes = {name: arrays[name] for name in (*SETTINGS, *PARAMETERS) if name in arrays and name not in fixed}
-    notes |= {name: str(arrays[name]) for name in WORDS if name in arrays}
+    notes |= {name: _word(arrays[name], name, where) for name in WORDS if name in arrays}
     notes.pop("density", None)
     velocity = arrays.get("velocity")
     if velocity is not None and velocity.shape != position.shape:
@@ -59,6 +60,15 @@ def _frames(path: Path, arrays: dict[str, np.ndarray]) -> list[Frame]:
         fields = fixed if velocity is None else fixed | checked_fields({"velocity": velocity[k]}, count, where)
         frames.append(Frame(float(time), position[k].astype(_kind(position)), fields, notes))
     return frames
+
+
+def _word(values: np.ndarray, name: str, where: str) -> str:
+    """A text of one line. NumPy makes texts of whatever numbers the file holds, which Python then trips over."""
+    codes = np.ascontiguousarray(values).view(np.uint32) if values.dtype.kind == "U" and values.size == 1 else None
+    word = str(values) if codes is not None and (codes < LAST_LETTER).all() else ""
+    if not word.isprintable() or not 0 < len(word) <= LONGEST_WORD:
+        raise UserError(f"{where}: '{name}' is not a text of one line; accepted: up to {LONGEST_WORD} letters")
+    return word
 
 
 def _kind(values: np.ndarray) -> type:

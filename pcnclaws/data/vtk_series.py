@@ -61,8 +61,8 @@ def read_vtk_series(path: Path, material: str) -> SceneRecord:
 
 def _parsed(path: Path) -> tuple[ElementTree.Element, dict]:
     """The root of an XML file, and the notes of its comments."""
-    if not path.is_file():
-        raise UserError(f"{path}: no such file")
+    if not _is_file(path):
+        raise UserError(f"{str(path)[:300]}: no such file")
     require_room(2 * path.stat().st_size, str(path))
     text = path.read_bytes()
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
@@ -77,6 +77,13 @@ def _parsed(path: Path) -> tuple[ElementTree.Element, dict]:
     for comment in COMMENT.findall(text[:40_000].decode("utf-8", errors="replace")):
         notes |= notes_in_line(comment, str(path))
     return root, notes
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # longer than names may be
+        return False
 
 
 def _frame(path: Path, time: float, unread: list[str]) -> Frame:

@@ -76,7 +76,7 @@ class SimulationSettings:
         _require_box("simulation.domain", domain)
         edges = [high - low for low, high in zip(*domain, strict=True)]
         cells = [edge / self.grid_spacing for edge in edges]
-        if not all(abs(count - round(count)) <= CELL_TOLERANCE for count in cells):
+        if not all(math.isfinite(count) and abs(count - round(count)) <= CELL_TOLERANCE for count in cells):
             raise UserError(
                 f"simulation.grid_spacing={self.grid_spacing:g} does not fit the domain of "
                 f"{' x '.join(f'{edge:g}' for edge in edges)} m; accepted: a whole number of cells along each axis"

@@ -83,6 +83,8 @@ def test_columns_say_which_sides_are_free_and_which_stress_it_is(
         ("lambda,P_MPa\n1,x\n", "line 2: P_MPa=x is not a finite number"),
         ("lambda,P_MPa\n1\n", "line 2 has 1 cells; accepted: 2"),
         ("lambda,P_MPa\n", "holds no points"),
+        ('"lambda\nP_MPa"\n', r"under 'lambda\nP_MPa'"),
+        ('lambda,"x\ny"\n1,2\n', "is not known"),
         ("", "does not name its columns"),
         ("lambda,P_MPa\n-1,2\n", "point 0 has det F <= 0"),
         ("lambda,P_MPa\n1.1,0\n", "holds no stress but zeros"),

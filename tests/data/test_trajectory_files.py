@@ -120,6 +120,9 @@ def test_series_that_cannot_be_read_are_one_line(motion, tmp_path: Path) -> None
         ({"youngs_modulus": -1.0}, "youngs_modulus"),
         ({"youngs_modulus": np.arange(64) + 1.0}, "'youngs_modulus' differs between the particles"),
         ({"velocity": motion.velocity[:2]}, "'velocity' has the shape (2, 64, 3)"),
+        ({"material": np.array(0x7FFFFFFF, np.uint32).view("<U1")}, "'material' is not a text of one line"),
+        ({"name": np.array("a\nb")}, "'name' is not a text of one line"),
+        ({"domain": [[0, 0, 0], [1e308] * 3], "grid_spacing": 1e-300}, "does not fit the domain"),
         ({"material": np.array([{}], dtype=object)}, "not an .npz file of numbers, or damaged"),
     ):
         arrays = {name: np.asarray(value) for name, value in (good | change).items() if value is not None}
@@ -135,6 +138,7 @@ def test_series_that_cannot_be_read_are_one_line(motion, tmp_path: Path) -> None
     [
         ("x.pvd", lambda text: text.replace(b"x_1.vtu", b"/etc/passwd"), "accepted: files in its folder"),
         ("x.pvd", lambda text: text.replace(b"x_1.vtu", b"y.vtu"), "y.vtu: no such file"),
+        ("x.pvd", lambda text: text.replace(b"x_1.vtu", b"y" * 5000), "no such file"),
         ("x.pvd", lambda text: text.replace(b"<VTK", b"<!DOCTYPE x><VTK"), "declares a document type"),
         ("x.pvd", lambda text: text[:60], "not a VTK XML file, or damaged"),
         ("x_1.vtu", lambda text: text.replace(b'format="binary"', b'format="appended"'), "not appended"),
