@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from rich.table import Table
 
 from benchmarks.context import BenchmarkContext, Checkpointed
-from benchmarks.left_files import broken_files, results_of
+from benchmarks.left_files import broken_files, other_results, results_of
 from pcnclaws.commands.configuration import whole_number
 from pcnclaws.errors import UserError
 from pcnclaws.geometry.body import Body
@@ -221,8 +221,7 @@ def _again(trial: Trial, place: Path) -> list[str]:
     ended = _run(trial.line, place)
     if ended.status or ended.traceback:
         return [f"again: {ended.in_words}"]
-    found = results_of(place)
-    return [f"other result: {name}" for name in sorted(trial.results) if found.get(name) != trial.results[name]]
+    return other_results(trial.results, results_of(place))
 
 
 def _interrupted(line: Sequence[str], place: Path, number: int, moment: float) -> Ended:

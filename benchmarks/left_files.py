@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,11 @@ def results_of(folder: Path) -> dict[str, str]:
     return {
         str(path.relative_to(folder)): DIGESTS[path.suffix](path) for path in _files(folder) if path.suffix in DIGESTS
     }
+
+
+def other_results(expected: Mapping[str, str], found: Mapping[str, str]) -> list[str]:
+    """Results that are lost, or not what they should be."""
+    return [f"other result: {name}" for name in sorted(expected) if found.get(name) != expected[name]]
 
 
 def _files(folder: Path) -> list[Path]:

@@ -11,6 +11,7 @@ from observed_bodies import TRUTH, start
 from pcnclaws.data.hdf5 import read_scenes, write_scenes
 from pcnclaws.estimate import estimate
 from pcnclaws.estimation.inverse import InverseModule
+from pcnclaws.guards import WORDS
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.simulation.recorded_runs import simulate_records
@@ -43,6 +44,7 @@ def test_it_finds_the_truth_and_leaves_a_table_a_file_pictures_and_the_motion(es
     assert outcome.status == 0, outcome.err
     assert "initial_guess.poissons_ratio=0.5 is at the edge" in caplog.text
     found = json.loads((tmp_path / "new" / "e.json").read_text())
+    assert found["guards"].keys() == WORDS.keys()
     for name, true in TRUTH["elasticity"].items():
         one = found["parameters"][name]
         assert one["estimate"] == pytest.approx(true, rel=1e-3)

@@ -16,6 +16,7 @@ from pcnclaws.atomic import replaced_file
 from pcnclaws.commands.runs import METRICS
 from pcnclaws.commands.stress_setup import StressData
 from pcnclaws.data.loading_paths import LoadingPath
+from pcnclaws.guards import counts
 from pcnclaws.provenance import provenance
 from pcnclaws.training.principal_paths import PrincipalPaths
 from pcnclaws.training.stress_fit import StressFit, relative_errors
@@ -60,6 +61,7 @@ def write_stress_report(report: StressReport, seed: int, picture: bool, console:
         "paths": rows,
         "history": {"loss": list(report.fitted.history)},
         "seconds": round(time.monotonic() - report.started, 1),
+        "guards": counts(),
         "provenance": provenance(seed, torch.device("cpu")),
     }
     with replaced_file(report.folder / METRICS) as part:

@@ -11,6 +11,7 @@ from conftest import Outcome
 
 import pcnclaws as pc
 from pcnclaws.compiled.backend import using_backend
+from pcnclaws.guards import WORDS
 from pcnclaws.simulate import simulate
 from pcnclaws.train import train
 
@@ -25,6 +26,7 @@ def test_a_foam_is_one_command_and_its_law_is_simulated(in_process: Callable[...
     assert (done.status, done.err) == (0, "")
     assert "wrote foam/stress.png" in done.out
     metrics = json.loads((tmp_path / "foam" / "metrics.json").read_text())
+    assert metrics["guards"].keys() == WORDS.keys()
     assert metrics["largest_relative_RMS_trained"] < 0.05
     assert [path["name"] for path in metrics["paths"]] == ["foam_leap_UT", "foam_leap_UC"]
     curve = metrics["paths"][0]["curves"][0]

@@ -38,5 +38,6 @@ def test_a_test_scene_that_diverges_is_noted_and_the_results_are_kept(tmp_path: 
     inside, out = found["scenes"]
     assert (inside["mse"], out["mse"], found["mse"]) == (0.0, None, 0.0)
     assert "'out' diverged at step 2" in out["diverged"]
+    assert found["guards"]["scenes_that_diverged"] >= 1
     assert "diverged" in said.get()
     assert (tmp_path / "predicted_a.png").exists()

@@ -1,6 +1,10 @@
 """How the kernels come to be: without a compiler, compiled once, kept, and made anew when damaged."""
 
+import ctypes
+import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -49,6 +53,35 @@ def test_compiled_once_and_kept(
     assert damaged.status == 0
     assert "could not be made" in damaged.err or "compiling" in damaged.err
     assert "compiling C++ kernels" in command("simulate", *options).err
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_compiler() is None, reason="needs a C++ compiler")
+def test_two_jobs_that_begin_with_one_empty_cache_compile_once_and_end_alike(tmp_path: Path) -> None:
+    options = ("material=elasticity", "simulation.steps=40", "simulation.every=20", "scene.particles_per_edge=3")
+    options = (*options, "scene.side=0.15", "scene.velocity=[0,-2,0]", "picture=false", "threads=1")
+    jobs = [
+        subprocess.Popen(
+            [sys.executable, "-m", "pcnclaws.simulate", *options, f"output={name}.h5"],
+            cwd=tmp_path,
+            env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for name in "ab"
+    ]
+    said = [job.communicate(timeout=600)[1] for job in jobs]
+    assert [job.returncode for job in jobs] == [0, 0], said
+    assert "could not be made" not in "".join(said)
+    first, second = ((tmp_path / f"{name}.h5").read_bytes() for name in "ab")
+    assert first == second
+    kept = sorted(path.name for path in (tmp_path / "cache" / "pcnclaws").iterdir())
+    libraries = [name for name in kept if name.endswith(".so")]
+    assert sum(name.startswith("kernels-") for name in libraries) == 1
+    assert set(kept) - set(libraries) <= {"kernels.lock"}
+    for name in libraries:
+        ctypes.CDLL(str(tmp_path / "cache" / "pcnclaws" / name))  # whole
 
 
 @pytest.mark.skipif(find_compiler() is None, reason="needs a C++ compiler")
