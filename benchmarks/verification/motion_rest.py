@@ -29,6 +29,8 @@ CASES = [
         1e-3,
         lambda: drift(0.6),
         slow=True,
+        why="The cube falls into a heap that goes on creeping, ever slower, in each quarter of the run about a third "
+        "as far as in the one before, and has not stopped after 20 000 steps. The cause has not been isolated.",
     ),
     Case(
         "sand_at_rest_without_friction",
