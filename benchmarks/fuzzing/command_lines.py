@@ -8,6 +8,8 @@ from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
+from hydra.core.global_hydra import GlobalHydra
+
 from pcnclaws.commands import launcher
 from pcnclaws.commands.configuration import execution_from, start_from
 from pcnclaws.commands.observation_setup import observation_from
@@ -79,6 +81,7 @@ def run_command_line(entry: str, arguments: Sequence[str]) -> None:
     before = Path.cwd()
     with tempfile.TemporaryDirectory() as folder, redirect_stdout(out), redirect_stderr(err):
         os.chdir(folder)
+        GlobalHydra.instance().clear()  # of the command that this one is tried in, which would be in its way
         try:
             status = launcher.run(TASKS.get(entry, _nothing), entry, arguments)
         finally:
