@@ -3,8 +3,9 @@
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
+from benchmarks.fuzzing.imported_readers import IMPORTED
+from benchmarks.fuzzing.reader import Reader
 from pcnclaws.commands.runs import CONFIG, METRICS, WEIGHTS, load_run, run_errors
 from pcnclaws.data.first_motion import name_contradictions
 from pcnclaws.data.generation import read_manifest
@@ -23,17 +24,6 @@ from pcnclaws.training.checkpoints import newest_checkpoint
 
 # A whole run folder, beside the inputs.
 RUN = "run"
-
-
-class Reader(NamedTuple):
-    """A reader under test.
-
-    ending  of its files
-    read    reads one; raises UserError to refuse it
-    """
-
-    ending: str
-    read: Callable[[Path], object]
 
 
 def _trajectory(path: Path) -> None:
@@ -94,4 +84,5 @@ READERS = {
     "metrics": Reader(".json", _run_with(METRICS)),
     "manifest": Reader(".json", read_manifest),
     "checkpoint": Reader(".ckpt", _checkpoint),
+    **IMPORTED,
 }

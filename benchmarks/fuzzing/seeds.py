@@ -9,6 +9,7 @@ import numpy as np
 import torch
 import yaml
 
+from benchmarks.fuzzing.imported_seeds import write_imported_seeds
 from benchmarks.fuzzing.readers import RUN
 from pcnclaws.commands.runs import CONFIG, METRICS, WEIGHTS
 from pcnclaws.data.hdf5 import write_scenes
@@ -63,6 +64,7 @@ def write_seeds(folder: Path) -> dict[str, list[Path]]:
         "metrics": [run / METRICS],
         "manifest": [folder / "manifest.json"],
         "checkpoint": [folder / "seed.ckpt"],
+        **write_imported_seeds(folder, plain, run),
     }
 
 

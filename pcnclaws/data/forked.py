@@ -1,21 +1,30 @@
-"""Work in a forked child, whose result comes back through a pipe: what crashes or hangs there ends the child alone."""
+"""Work in a forked child, whose result comes back through a pipe: what crashes or hangs there ends the child alone.
+
+What the child sends is not trusted either: a file that it parsed may have made it run anything. It is read as plain
+values, not unpickled.
+"""
 
 import faulthandler
 import logging
 import os
-import pickle
 import select
 import signal
 import time
+import traceback
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NoReturn, TypeVar
 
+from pcnclaws.data.plain_messages import NotAMessage, from_message, to_message
+from pcnclaws.data.room import free_bytes
+from pcnclaws.errors import UserError
+
 Result = TypeVar("Result")
 
 NUMBER = 8  # bytes of a length
 BLOCK = 2**20
+MOST_PARTS = 10**6
 
 
 class ChildFailed(RuntimeError):
@@ -25,9 +34,10 @@ class ChildFailed(RuntimeError):
 def in_child(work: Callable[[], Result], seconds: float) -> Result:
     """The result of work that a forked child does; what it logs is logged here, what it raises is raised here.
 
-    The pipe carries pickles of our own process: what a file holds goes through it as arrays and text.
+    work     returns plain values, see plain_messages; tuples come back as lists
     seconds  that the child may take
-    raises   ChildFailed
+    raises   ChildFailed, also for a child that sends something else; UserError of the work, and RuntimeError with
+             its words for any other error
     """
     if not hasattr(os, "fork"):
         return work()
@@ -42,7 +52,7 @@ def in_child(work: Callable[[], Result], seconds: float) -> Result:
     os.close(writing)
     ended = False
     try:
-        found = _received(reading, time.monotonic() + seconds)
+        message = _received(reading, time.monotonic() + seconds)
         ended = True
     except TimeoutError:
         raise ChildFailed(f"no end within {seconds:.3g} s") from None
@@ -55,11 +65,26 @@ def in_child(work: Callable[[], Result], seconds: float) -> Result:
             os.kill(child, signal.SIGKILL)
         with suppress(ChildProcessError):
             os.waitpid(child, 0)
-    result, error, records = found
-    for record in records:
-        logging.getLogger(record.name).handle(record)
-    if error is not None:
-        raise error
+    return _told(message)
+
+
+def _told(message: list[bytearray]) -> Any:
+    """The result of a message, after its lines of the log; raises its error."""
+    try:
+        found = from_message(message)
+        result, error, lines = found["result"], found["error"], found["log"]
+        lines = [(str(name), int(level), str(text)) for name, level, text in lines]
+        kind, text, trace = (None, "", "") if error is None else map(str, error)
+    except (NotAMessage, TypeError, ValueError, LookupError, OverflowError) as fault:
+        raise ChildFailed("what it sends is no result") from fault
+    for name, level, said in lines:
+        logging.getLogger(name).log(level, "%s", said)
+    if kind == UserError.__name__:
+        raise UserError(text)
+    if kind is not None:
+        fault = RuntimeError(f"{kind}: {text}")
+        fault.add_note(trace)
+        raise fault
     return result
 
 
@@ -69,15 +94,14 @@ def _fate(child: int) -> str:
 
 
 class _Kept(logging.Handler):
-    """Keeps what is logged, with its text made."""
+    """Keeps what is logged: logger, level and text."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.records: list[logging.LogRecord] = []
+        self.lines: list[tuple[str, int, str]] = []
 
     def emit(self, record: logging.LogRecord) -> None:
-        record.msg, record.args, record.exc_info = record.getMessage(), None, None
-        self.records.append(record)
+        self.lines.append((record.name, record.levelno, record.getMessage()))
 
 
 def _work(work: Callable[[], object], writing: int) -> NoReturn:
@@ -89,21 +113,20 @@ def _work(work: Callable[[], object], writing: int) -> NoReturn:
         kept = _Kept()
         logging.getLogger().handlers[:] = [kept]
         result: object = None
-        error: Exception | None = None
+        error: tuple[str, str, str] | None = None
         try:
             result = work()
+        except UserError as fault:
+            error = UserError.__name__, str(fault), ""
         except Exception as fault:
-            error = fault.with_traceback(None)
-            error.__cause__ = error.__context__ = None
-        _send(writing, (result, error, kept.records))
+            error = type(fault).__name__, str(fault), traceback.format_exc()
+        _send(writing, {"result": result, "error": error, "log": kept.lines})
     finally:
         os._exit(0)
 
 
 def _send(writing: int, found: object) -> None:
-    buffers: list[pickle.PickleBuffer] = []
-    head = pickle.dumps(found, protocol=5, buffer_callback=buffers.append)
-    views = [memoryview(head), *(one.raw() for one in buffers)]
+    views = to_message(found)
     sizes = b"".join(view.nbytes.to_bytes(NUMBER, "little") for view in views)
     for view in (memoryview(len(views).to_bytes(NUMBER, "little") + sizes), *views):
         sent = 0
@@ -111,11 +134,15 @@ def _send(writing: int, found: object) -> None:
             sent += os.write(writing, view[sent : sent + BLOCK])
 
 
-def _received(reading: int, end: float) -> Any:
-    """What the child sent; EOFError where it ended before, TimeoutError where it is not there in time."""
+def _received(reading: int, end: float) -> list[bytearray]:
+    """The parts that the child sent; EOFError where it ended before, TimeoutError where they are not there in time."""
     (count,) = _numbers(reading, 1, end)
-    head, *buffers = [_exactly(reading, size, end) for size in _numbers(reading, count, end)]
-    return pickle.loads(head, buffers=buffers)  # noqa: S301  # of our own child
+    if count > MOST_PARTS:
+        raise ChildFailed("what it sends is no result")
+    sizes, free = _numbers(reading, count, end), free_bytes()
+    if free is not None and sum(sizes) > free:
+        raise ChildFailed("its result does not fit the memory here")
+    return [_exactly(reading, size, end) for size in sizes]
 
 
 def _numbers(reading: int, count: int, end: float) -> list[int]:

@@ -5,17 +5,17 @@ one line that names the file, the scene and the fault. The writer replaces a fil
 """
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
 
 import h5py
 import numpy as np
 
 from pcnclaws.atomic import replaced_file
-from pcnclaws.data.forked import ChildFailed, in_child
 from pcnclaws.data.guarded_hdf5 import GuardedGroup, check_heaps, one_line_faults
+from pcnclaws.data.plain_records import plain_record, record_from
+from pcnclaws.data.reading_apart import read_apart
 from pcnclaws.data.scene_settings import VERSIONS, read_settings, version_of, write_settings
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.laws.parameters import PARAMETERS, validate_parameters
@@ -26,14 +26,10 @@ log = logging.getLogger(__name__)
 
 __all__ = ["Keyframes", "SceneRecord", "read_scenes", "scene_names", "write_scenes"]
 
-Result = TypeVar("Result")
-
 FORMAT = "pcnclaws.trajectories"
 # Bytes of a compressed chunk: small enough to read a few frames, large enough to compress.
 CHUNK_BYTES = 2**19
 LONGEST_TIME = 1e9
-# A child may take so long to read a file [s], and so much longer for its size [bytes/s].
-PATIENCE, SLOWEST = 8.0, 10e6
 # Files that this process has written, as they were then.
 _WRITTEN: set[tuple[int, ...]] = set()
 # At most so many names of what a file holds beside a trajectory are listed.
@@ -68,12 +64,17 @@ def read_scenes(path: str | Path, names: Sequence[str] | None = None, with_keyfr
     child: there are damaged files on which the HDF5 library crashes, at once or later, or from which it never returns.
     raises  UserError, one line, for whatever is wrong with the file
     """
-    return _apart(Path(path), lambda: _read_scenes(path, names, with_keyframes))
+    path = Path(path)
+    if _is_own(path):
+        return _read_scenes(path, names, with_keyframes)
+    found = read_apart(path, lambda: [plain_record(one) for one in _read_scenes(path, names, with_keyframes)])
+    return [record_from(plain) for plain in found]
 
 
 def scene_names(path: str | Path) -> list[str]:
     """Names of the scenes of a trajectory file, sorted."""
-    return _apart(Path(path), lambda: _scene_names(path))
+    path = Path(path)
+    return _scene_names(path) if _is_own(path) else read_apart(path, lambda: _scene_names(path))
 
 
 def _read_scenes(path: str | Path, names: Sequence[str] | None, with_keyframes: bool) -> list[SceneRecord]:
@@ -94,14 +95,9 @@ def _scene_names(path: str | Path) -> list[str]:
         return _scenes_of(GuardedGroup(file, str(path)))[0].names()
 
 
-def _apart(path: Path, read: Callable[[], Result]) -> Result:
-    """What `read` finds in a file, in a forked child unless this process has written it."""
-    if not path.is_file() or _identity(path) in _WRITTEN:
-        return read()
-    try:
-        return in_child(read, PATIENCE + path.stat().st_size / SLOWEST)
-    except ChildFailed as fate:
-        raise UserError(f"{path}: damaged or unreadable (the HDF5 library fails on it: {fate})") from fate
+def _is_own(path: Path) -> bool:
+    """Whether there is nothing to fear: this process has written the file, or there is none."""
+    return not path.is_file() or _identity(path) in _WRITTEN
 
 
 def _identity(path: Path) -> tuple[int, ...]:

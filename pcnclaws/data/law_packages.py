@@ -12,7 +12,6 @@ import json
 import platform
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
@@ -93,7 +92,9 @@ def read_law_package(path: Path) -> dict[str, bytes]:
     """
     try:
         members = _members(path)
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, RuntimeError) as fault:
+    except UserError:
+        raise
+    except Exception as fault:  # zip and zlib raise whatever a damaged file makes them meet
         raise UserError(f"law={path} {NOT_ONE}, or damaged ({_words(fault)}); accepted: {ACCEPTED}") from fault
     try:
         about = json.loads(members[ABOUT])

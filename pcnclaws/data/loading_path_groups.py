@@ -13,6 +13,7 @@ import numpy as np
 
 from pcnclaws.data.guarded_hdf5 import GuardedGroup, check_heaps, one_line_faults
 from pcnclaws.data.loading_paths import STRESSES, LoadingPath, check_path, matching, unit_factor
+from pcnclaws.data.reading_apart import read_apart
 from pcnclaws.errors import UserError, unknown_name
 
 MOST_PATHS = 1000
@@ -28,13 +29,17 @@ def read_groups(file: Path, units: Sequence[tuple[str, str]]) -> list[LoadingPat
     units   as of read_loading_paths
     raises  UserError
     """
+    paths = read_apart(file, lambda: [path._asdict() for path in _read(file, units)])
+    if not paths:
+        raise UserError(f"{file}: holds no loading path; accepted: groups with F, stress and @stress_type")
+    return [LoadingPath(**path) for path in paths]
+
+
+def _read(file: Path, units: Sequence[tuple[str, str]]) -> list[LoadingPath]:
     with one_line_faults(str(file)):
         check_heaps(file)
         with h5py.File(file, "r") as opened:
-            paths = [_path(*found, units) for found in _groups(GuardedGroup(opened, str(file)))]
-    if not paths:
-        raise UserError(f"{file}: holds no loading path; accepted: groups with F, stress and @stress_type")
-    return paths
+            return [_path(*found, units) for found in _groups(GuardedGroup(opened, str(file)))]
 
 
 def _groups(top: GuardedGroup) -> Iterator[tuple[str, str, GuardedGroup]]:

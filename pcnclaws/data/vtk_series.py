@@ -47,12 +47,14 @@ def read_vtk_series(path: Path, material: str) -> SceneRecord:
     if not named:
         raise UserError(f"{path}: names no file; accepted: a collection of .vtu files")
     unread: list[str] = []
-    frames = []
+    frames, taken = [], 0
     for time, name in sorted(named):
         file = path.parent / name
         if file.parent.resolve() != path.parent.resolve() and path.parent.resolve() not in file.resolve().parents:
             raise UserError(f"{path}: names the file {name[:100]!a}; accepted: files in its folder")
         frames.append(_frame(file, time, unread))
+        taken += sum(values.nbytes for values in (frames[-1].position, *frames[-1].fields.values()))
+        require_room(taken, str(path))  # small files unpack to large ones, and a file may be named many times
     name_unread(path, unread)
     return record_of(frames, path, path.stem, material)
 

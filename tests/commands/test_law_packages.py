@@ -209,6 +209,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], bytes], str]] = {
     "an absolute path": (lambda p: changed(p, **{"/etc/evil": b"x"}).read_bytes(), "it has a member '/etc/evil'"),
     "a path of Windows": (lambda p: changed(p, **{"c:\\evil": b"x"}).read_bytes(), "it has a member"),
     "a member twice": (_twice, "it has a member 'card.md'"),
+    "bytes that are missing": (lambda p: p.read_bytes()[4:], "damaged"),
     "a bomb": (lambda p: changed(p, card_md=bytes(2 * 10**6)).read_bytes(), "card.md is larger than 1 MiB"),
     "a bomb that understates itself": (_understated, "damaged"),
     "huge weights": (lambda p: changed(p, weights_safetensors=bytes(7 * 10**7)).read_bytes(), "larger than 64 MiB"),

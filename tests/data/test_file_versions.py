@@ -1,5 +1,6 @@
 """Which version of the trajectory file a scene needs, and that either gives the scene back."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,10 +50,18 @@ def test_settings_come_back_from_the_first_version_that_holds_them(
     write_scenes(tmp_path / "x.h5", [one])
     with h5py.File(tmp_path / "x.h5") as file:
         assert file.attrs["version"] == version
-    (read,) = read_scenes(tmp_path / "x.h5")
-    assert read.settings == settings
-    if read.impulses is not None:
-        np.testing.assert_array_equal(read.impulses, given)
+    shutil.copy(tmp_path / "x.h5", tmp_path / "of_others.h5")  # which a child reads
+    for name in ("x.h5", "of_others.h5"):
+        (read,) = read_scenes(tmp_path / name)
+        assert read.settings == settings
+        assert (read.name, read.material, read.parameters) == (one.name, one.material, one.parameters)
+        assert read.keyframes is not None
+        assert one.keyframes is not None
+        for whole, again in ((one, read), (one.keyframes, read.keyframes)):
+            arrays = {name: value for name, value in vars(whole).items() if isinstance(value, np.ndarray)}
+            for field, values in arrays.items():
+                np.testing.assert_array_equal(getattr(again, field), values)
+                assert getattr(again, field).dtype == values.dtype
 
 
 @pytest.mark.parametrize(

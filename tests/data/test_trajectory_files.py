@@ -1,6 +1,10 @@
 """Trajectories of other formats: read back as they were written, by us and by others, and refused with one line."""
 
+import base64
 import json
+import resource
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -154,6 +158,27 @@ def test_damaged_series_are_one_line(name: str, damage, message: str, motion, tm
         read_trajectories(path)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_collection_that_unpacks_beyond_the_memory_is_refused(tmp_path: Path) -> None:
+    """40 times 12 MB of zeros, which a file of some kB holds."""
+    count = 10**6
+    block = zlib.compress(bytes(12 * count))
+    parts = (struct.pack("<4I", 1, 12 * count, 0, len(block)), block)
+    points = "".join(base64.b64encode(part).decode() for part in parts)
+    array = f'<DataArray type="Float32" NumberOfComponents="3" format="binary">{points}</DataArray>'
+    root = '<VTKFile type="UnstructuredGrid" compressor="vtkZLibDataCompressor">'
+    (tmp_path / "z.vtu").write_text(f"{root}<Piece><Points>{array}</Points></Piece></VTKFile>")
+    sets = "".join(f'<DataSet timestep="{k}" file="z.vtu"/>' for k in range(40))
+    (tmp_path / "z.pvd").write_text(f'<VTKFile type="Collection"><Collection>{sets}</Collection></VTKFile>')
+    pages, before = int(Path("/proc/self/statm").read_text().split()[0]), resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + 2**29, before[1]))
+    try:
+        with pytest.raises(UserError, match="too much for the memory here") as refused:
+            read_trajectories(tmp_path / "z.pvd", "sand")
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+    assert "\n" not in str(refused.value)
 
 
 def test_single_frames_are_refused_with_what_is_accepted(motion, tmp_path: Path) -> None:
