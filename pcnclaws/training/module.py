@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
+from torch.optim.lr_scheduler import CosineAnnealingLR
 
 from pcnclaws.data.dataset import SegmentBatch
 from pcnclaws.errors import SimulationDiverged, UserError, unknown_name
@@ -25,7 +26,7 @@ from pcnclaws.simulation.rollout import differentiable_rollout
 from pcnclaws.simulation.scenes import start_of
 from pcnclaws.simulation.simulator import Simulator, simulator_of
 from pcnclaws.training.losses import position_loss, relative_position_loss, unstressed_positions
-from pcnclaws.training.schedule import cosine_schedule
+from pcnclaws.training.schedule import cosine_schedule, lengthen
 from pcnclaws.training.watched import WatchedModule
 
 log = logging.getLogger(__name__)
@@ -160,6 +161,12 @@ class ConstitutiveModule(WatchedModule):
         optimiser = torch.optim.Adam(self._parameter_groups(), lr=self.settings.learning_rate)
         schedule = cosine_schedule(optimiser, self.iterations, self.settings.final_learning_rate)
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+    def on_train_start(self) -> None:
+        """A run that goes on for longer follows the schedule of its whole length."""
+        schedule = self.lr_schedulers()
+        if isinstance(schedule, CosineAnnealingLR):
+            lengthen(schedule, self.iterations)
 
     def configure_gradient_clipping(
         self,

@@ -8,13 +8,11 @@ from typing import Any
 import torch
 from lightning.pytorch import LightningModule
 from torch import Tensor, nn
-from torch.optim.lr_scheduler import CosineAnnealingLR
 
 from pcnclaws.errors import SimulationDiverged
 from pcnclaws.guards import count
 from pcnclaws.simulation.motion import SceneSimulator
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.training.schedule import lengthen
 
 log = logging.getLogger(__name__)
 
@@ -36,12 +34,6 @@ class WatchedModule(LightningModule, ABC):
         self.gradient_clip, self.step_back = gradient_clip, step_back
         self.skipped = self.skipped_in_row = 0
         self._good: list[Tensor] = []
-
-    def on_train_start(self) -> None:
-        """A run that goes on for longer follows the schedule of its whole length."""
-        schedule = self.lr_schedulers()
-        if isinstance(schedule, CosineAnnealingLR):
-            lengthen(schedule, int(self.trainer.estimated_stepping_batches))
 
     @property
     @abstractmethod
