@@ -5,7 +5,7 @@ Where nothing fits, the shell completes the names of files.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, cast
 
 from omegaconf import OmegaConf
 
@@ -84,4 +84,5 @@ def _known(entry: str, before: Sequence[str]) -> tuple[dict[str, Any], list[str]
     except (*CONFIG_ERRORS, UserError):
         offer_choices()
         config, groups = composed_groups(entry, [])
-    return dict(leaves(OmegaConf.to_container(config, resolve=False))), groups  # type: ignore[arg-type]
+    options = cast(dict[str, Any], OmegaConf.to_container(config, resolve=False))
+    return dict(leaves(options)), groups

@@ -5,7 +5,7 @@ What an option means is said where it is written, in conf/.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 from pcnclaws.commands.typed_groups import (
     Backend,
@@ -17,6 +17,7 @@ from pcnclaws.commands.typed_groups import (
     Logger,
     MeasuredStress,
     Named,
+    Number,
     Observed,
     ObservedSimulation,
     Paths,
@@ -25,13 +26,9 @@ from pcnclaws.commands.typed_groups import (
     Simulation,
     Task,
     Training,
+    Unchecked,
     UnknownMotion,
 )
-
-Number: TypeAlias = float | int
-Vector: TypeAlias = list[Number]
-# An option whose default is null, which says nothing of its kind: whoever reads it checks it.
-Unchecked: TypeAlias = Any
 
 
 @dataclass(frozen=True)
