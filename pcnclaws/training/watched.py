@@ -2,7 +2,7 @@
 
 import logging
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -11,8 +11,10 @@ from torch import Tensor, nn
 
 from pcnclaws.errors import SimulationDiverged
 from pcnclaws.guards import count
+from pcnclaws.metrics import Positions
 from pcnclaws.simulation.motion import SceneSimulator
 from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.training.checks import Check
 
 log = logging.getLogger(__name__)
 
@@ -33,6 +35,7 @@ class WatchedModule(LightningModule, ABC):
         super().__init__()
         self.gradient_clip, self.step_back = gradient_clip, step_back
         self.skipped = self.skipped_in_row = 0
+        self.check = Check((), ())  # the last one
         self._good: list[Tensor] = []
 
     @property
@@ -40,18 +43,37 @@ class WatchedModule(LightningModule, ABC):
     def model(self) -> SceneSimulator:
         """What is trained."""
 
+    @property
+    def networks(self) -> Mapping[str, nn.Module]:
+        """The parts of the model whose gradients are watched one by one, by name."""
+        return {}
+
     @abstractmethod
-    def rollout_error(self, records: Sequence[SceneRecord]) -> float:
-        """Mean position MSE [m^2] of whole rollouts of recorded scenes; infinite if one diverges."""
+    def predicted(self, records: Sequence[SceneRecord]) -> list[Positions]:
+        """Whole rollouts of recorded scenes at the frames of each; SimulationDiverged if one diverges."""
+
+    def checked(self, records: Sequence[SceneRecord]) -> Check:
+        """The rollouts of recorded scenes beside the records."""
+        try:
+            return Check(tuple(records), tuple(self.predicted(records)))
+        except SimulationDiverged as divergence:
+            log.warning("check failed: %s", divergence)
+            return Check(tuple(records), ())
 
     def validation_step(self, batch: list[SceneRecord], batch_idx: int) -> None:
-        self.log("validation_mse", self.rollout_error(batch), batch_size=1)
+        self.check = self.checked(batch)
+        self.log("validation_mse", self.check.mse, batch_size=1)
+        for name, error in self.check.errors.items():
+            self.log(f"validation/{name}", error, batch_size=1)
 
     def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
         """Watches the gradient: an iteration without a finite one leaves the optimiser as it is, see `step_back`."""
         gradients = [weight.grad for weight in self.parameters() if weight.grad is not None]
         norm = nn.utils.get_total_norm(gradients)
         self.log("gradient_norm", norm, batch_size=1)
+        for name, network in self.networks.items():
+            of_one = [weight.grad for weight in network.parameters() if weight.grad is not None]
+            self.log(f"gradient_norm/{name}", nn.utils.get_total_norm(of_one), batch_size=1)
         if bool(torch.isfinite(norm)):
             self.skipped_in_row = 0
             self._good = [weight.detach().clone() for weight in self.parameters()] if self.step_back else []
