@@ -48,6 +48,10 @@ class WatchedModule(LightningModule, ABC):
         """The parts of the model whose gradients are watched one by one, by name."""
         return {}
 
+    def contradicting(self) -> dict[str, float]:
+        """Training scenes that are explained worse than the others by far, and how many times; none where unknown."""
+        return {}
+
     @abstractmethod
     def predicted(self, records: Sequence[SceneRecord]) -> list[Positions]:
         """Whole rollouts of recorded scenes at the frames of each; SimulationDiverged if one diverges."""
