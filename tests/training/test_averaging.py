@@ -26,7 +26,7 @@ def averaged(power: float, values: list[float]) -> float:
         with torch.no_grad():
             layer.weight.fill_(value)
         average.update_parameters(layer)
-    return float(average.module.weight.detach())
+    return float(next(average.parameters()).detach())
 
 
 def test_power_zero_is_the_mean_and_larger_powers_forget_the_beginning() -> None:

@@ -55,7 +55,7 @@ def test_old_errors_are_forgotten() -> None:
 def test_a_false_scene_is_named_and_not_obeyed(in_process: Callable[..., Outcome], tmp_path: Path) -> None:
     """One body of six says that it is three times as stiff as it is."""
     records = recorded(6)
-    false = records[2].parameters | {"youngs_modulus": 3.0 * records[2].parameters["youngs_modulus"]}
+    false = dict(records[2].parameters) | {"youngs_modulus": 3.0 * records[2].parameters["youngs_modulus"]}
     write_scenes(tmp_path / "true.h5", records)
     write_scenes(
         tmp_path / "false.h5", [replace(one, parameters=false) if one is records[2] else one for one in records]
