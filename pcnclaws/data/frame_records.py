@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from pcnclaws.data.scene_notes import parameters_from_notes, settings_from_notes
 from pcnclaws.errors import UserError
@@ -16,6 +17,8 @@ from pcnclaws.simulation.records import SceneRecord
 log = logging.getLogger(__name__)
 
 LONGEST_TIME = 1e9
+# With fewer their distances tell no volume.
+FEWEST_PARTICLES = 8
 # Fields that are read, with the shapes of what they hold of a particle.
 READ: Mapping[str, tuple[int, ...]] = {
     "id": (),
@@ -46,15 +49,13 @@ def record_of(frames: Sequence[Frame], path: Path, name: str, material: str) -> 
     """The scene that the frames show. Particles that a later frame does not hold, by their ids, were not seen in it.
 
     Without notes the settings are those of the paper; parameters are fields that are the same for all particles. The
-    restart states of a trajectory file are in no other format.
+    restart states of a trajectory file are in no other format. Without volumes all particles have the same.
     raises  UserError, one line, for whatever is wrong
     """
     where, first = str(path), frames[0]
     time = np.array([frame.time for frame in frames])
     if not np.all(np.abs(time) < LONGEST_TIME) or np.any(np.diff(time) <= 0.0):
         raise UserError(f"{where}: its times are not increasing, or not below {LONGEST_TIME:g} s")
-    if "volume" not in first.fields:
-        raise UserError(f"{where}: the field 'volume' is missing; accepted: the initial volume of each particle [m^3]")
     places = [_places(frame, first, number, where) for number, frame in enumerate(frames)]
     position = _gathered([frame.position for frame in frames], places)
     velocity = None
@@ -65,7 +66,7 @@ def record_of(frames: Sequence[Frame], path: Path, name: str, material: str) -> 
     volume, density, affine = (first.fields.get(one) for one in ("volume", "density", "initial_affine"))
     _check(where, position=position, volume=volume, density=density, velocity=start, initial_affine=affine)
     if volume is None:
-        raise ValueError("no volume")
+        volume = _equal_volumes(first.position, where)
     if density is not None and "density" not in notes and np.all(density == density[0]):
         notes["density"] = float(density[0])
     settings = settings_from_notes(notes, where)
@@ -105,6 +106,21 @@ def checked_fields(fields: Mapping[str, np.ndarray], count: int, where: str) -> 
     return found
 
 
+def joined_components(table: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns of numbers as fields: the numbered components of a vector or tensor together."""
+    fields: dict[str, np.ndarray] = {}
+    for name, values in table.items():
+        stem, _, digits = name.rpartition("_")
+        if not (stem and digits.isdigit()):
+            fields[name] = values
+        elif digits == "0":
+            parts = [values]
+            while f"{stem}_{len(parts)}" in table:
+                parts.append(table[f"{stem}_{len(parts)}"])
+            fields[stem] = np.stack(parts, axis=1)
+    return fields
+
+
 def name_unread(path: Path, names: Sequence[str], read: Collection[str] = READ) -> None:
     """One line for fields of a file that are not among those that are read."""
     others = [name for name in dict.fromkeys(names) if name not in read]
@@ -141,6 +157,20 @@ def _gathered(values: Sequence[np.ndarray], places: Sequence[np.ndarray]) -> np.
     for frame, (one, place) in enumerate(zip(values, places, strict=True)):
         found[frame, place] = one
     return found
+
+
+def _equal_volumes(position: np.ndarray, where: str) -> np.ndarray:
+    """Cubes as wide as the particles are apart, of a file without volumes: on a motion only their ratios act."""
+    if len(position) < FEWEST_PARTICLES:
+        raise UserError(f"{where}: the field 'volume' is missing; accepted: the initial volume of each particle [m^3]")
+    nearest = np.asarray(KDTree(position).query(position, k=2)[0])[:, 1]
+    edge = float(np.median(nearest))
+    log.warning(
+        "%s: holds no volumes; each particle is given the cube of the median distance to its nearest, (%.3g m)^3",
+        where,
+        edge,
+    )
+    return np.full(len(position), edge**3, position.dtype)
 
 
 def _common_parameters(frame: Frame, where: str) -> dict[str, float]:

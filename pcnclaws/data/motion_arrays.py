@@ -18,16 +18,17 @@ FIXED = tuple(name for name in READ if name != "velocity" and name not in PARAME
 
 
 def read_motion_arrays(path: Path, material: str) -> SceneRecord:
-    """The scene of an .npz: time (frames,) [s], position (frames, particles, 3) [m], volume (particles,) [m^3].
+    """The scene of an .npz: time (frames,) [s], position (frames, particles, 3) [m].
 
-    Optional are velocity (frames, particles, 3), density and id (particles,), initial_affine (particles, 3, 3),
-    physical parameters and settings as numbers, and the words material, name and boundary. What else it holds is named.
+    Optional are volume (particles,) [m^3], velocity (frames, particles, 3), density and id (particles,), initial_affine
+    (particles, 3, 3), physical parameters and settings as numbers, and the words material, name and boundary. What else
+    it holds is named.
     raises  UserError, one line, for whatever is wrong with the file
     """
     with opened_arrays(path) as file:
-        for name in ("time", "position", "volume"):
+        for name in ("time", "position"):
             if name not in file:
-                raise UserError(f"{path}: '{name}' is missing; accepted: time (N,), position (N, particles, 3), volume")
+                raise UserError(f"{path}: '{name}' is missing; accepted: time (N,), position (N, particles, 3)")
         known = ("time", "position", *READ, *SETTINGS, *WORDS)
         arrays = {name: file[name] for name in known if name in file}
         others = [name for name in file if name not in known]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pcnclaws.data.frame_records import READ, Frame, checked_fields, name_unread, record_of
+from pcnclaws.data.frame_records import READ, Frame, checked_fields, joined_components, name_unread, record_of
 from pcnclaws.data.room import require_room
 from pcnclaws.data.scene_notes import notes_in_line
 from pcnclaws.errors import UserError
@@ -95,7 +95,7 @@ def read_ply(path: Path) -> Cloud:
     for name in "xyz":
         if name not in table:
             raise UserError(f"{path}: the property '{name}' is missing; accepted: vertices with x, y, z")
-    fields = _fields(table)
+    fields = joined_components(table)
     unread = [name for name in fields if name not in (*READ, *"xyz")]
     position = np.stack([table[name] for name in "xyz"], axis=1)
     return Cloud(position, checked_fields(fields, count, str(path)), _notes(path, header), unread)
@@ -156,18 +156,3 @@ def _table(path: Path, body: bytes, order: str, count: int, properties: list[tup
         raise UserError(f"{path}: holds something that is not a number") from None
     numbers = numbers.reshape(count, len(properties))
     return {name: numbers[:, k].astype(letters) for k, (name, letters) in enumerate(properties)}
-
-
-def _fields(table: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Properties as fields: the numbered components of a vector or tensor together."""
-    fields: dict[str, np.ndarray] = {}
-    for name, values in table.items():
-        stem, _, digits = name.rpartition("_")
-        if not (stem and digits.isdigit()):
-            fields[name] = values
-        elif digits == "0":
-            parts = [values]
-            while f"{stem}_{len(parts)}" in table:
-                parts.append(table[f"{stem}_{len(parts)}"])
-            fields[stem] = np.stack(parts, axis=1)
-    return fields

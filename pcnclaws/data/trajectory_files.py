@@ -1,10 +1,11 @@
-"""Trajectories from files of any format that is read: the trajectory file, .npz, VTK XML series and PLY series."""
+"""Trajectories from files of any format that is read: the trajectory file, .npz, CSV, VTK XML series and PLY series."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.data.motion_arrays import read_motion_arrays
+from pcnclaws.data.motion_tables import read_motion_table
 from pcnclaws.data.ply_series import read_ply_series
 from pcnclaws.data.vtk_series import read_vtk_series
 from pcnclaws.errors import UserError, unknown_name
@@ -13,6 +14,7 @@ from pcnclaws.simulation.records import SceneRecord
 # Readers of one scene, by ending. A material is that of files that do not say theirs.
 READERS: dict[str, Callable[[Path, str], SceneRecord]] = {
     ".npz": read_motion_arrays,
+    ".csv": read_motion_table,
     ".pvd": read_vtk_series,
     ".ply": read_ply_series,
 }
@@ -23,7 +25,7 @@ def read_trajectories(
 ) -> list[SceneRecord]:
     """The scenes of a file, as read_scenes; files of other formats than the trajectory file hold one.
 
-    path      NAME.npz, NAME.pvd, a series of point clouds NAME_*.ply, or a trajectory file
+    path      NAME.npz, NAME.csv, NAME.pvd, a series of point clouds NAME_*.ply, or a trajectory file
     material  of files that do not say theirs
     raises    UserError, one line, for whatever is wrong with the file
     """

@@ -9,6 +9,7 @@ import torch
 
 from pcnclaws.data.first_motion import name_contradictions
 from pcnclaws.data.hdf5 import read_scenes
+from pcnclaws.data.start_velocity import with_start_velocity
 from pcnclaws.data.trajectory_files import read_trajectories
 from pcnclaws.data.units import check_record
 from pcnclaws.errors import UserError
@@ -45,7 +46,7 @@ class TrainingScenes:
 def own_scenes(paths: Sequence[Path], material: Material) -> TrainingScenes:
     """The scenes of the user's own trajectory files; the last of them for the checks when there are enough.
 
-    raises  UserError if a scene is of another material, or lacks a parameter or its initial velocity
+    raises  UserError if a scene is of another material, or lacks a parameter
     """
     records = [record for path in paths for record in _checked(path, material)]
     spare = max(1, round(VALIDATION_SHARE * len(records))) if len(records) >= FEWEST_TO_SPLIT else 0
@@ -108,7 +109,7 @@ def _spans(records: Sequence[SceneRecord], names: Iterable[str]) -> dict[str, tu
 
 
 def _checked(path: Path, material: Material) -> list[SceneRecord]:
-    records = read_trajectories(path, material.name)
+    records = [with_start_velocity(record) for record in read_trajectories(path, material.name)]
     for record in records:
         # a name of the user's own is a body whose law is in no table: only its parameters must be the material's
         if record.material in MATERIALS and record.material != material.name:
