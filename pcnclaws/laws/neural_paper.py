@@ -17,15 +17,15 @@ from torch import Tensor
 from pcnclaws.compiled.stretch_law import FEATURES, OUTPUTS, SMALLEST, stretch_law, stretch_law_serves
 from pcnclaws.laws.base import Elasticity, Plasticity
 from pcnclaws.laws.fixed_parameters import FixedParameters
-from pcnclaws.laws.law import Law
+from pcnclaws.laws.law import Law, count_pytorch
 from pcnclaws.laws.materials import Material
 from pcnclaws.laws.networks import ConditionalMLP, StandardisedParameters, strain_of_stress
 from pcnclaws.laws.rotation import rotation_and_stretch
 from pcnclaws.linalg3 import determinant, deviator, identity_like, matmul, safe_norm, trace, transpose
-from pcnclaws.tensor_types import Matrices, Parameters, Scalars
+from pcnclaws.tensor_types import InternalValues, Matrices, Parameters, Scalars
 
-# Strains below which a network sees their size and not their direction alone: of a purely elastic material, and of
-# one that yields. A plastic law with a yield stress has a scale of its own.
+# Strains below which a network sees their size, above which more and more their direction alone: of an elastic law, and
+# of a plastic one without a yield stress, which would be a scale of its own.
 ELASTIC_STRAIN, SMALL_STRAIN = 0.1, 1e-3
 # Plastic strain of a step at an output of 1, in units of the strain before it.
 PLASTIC_STEP = 0.1
@@ -42,7 +42,6 @@ class StretchNet(Law):
     def __init__(self, material: Material, parameter_names: tuple[str, ...], width: int) -> None:
         super().__init__()
         self.parameter_names = parameter_names
-        self.unit = SMALL_STRAIN if material.plasticity else ELASTIC_STRAIN
         self.condition = StandardisedParameters(material.ranges, parameter_names)
         self.network = ConditionalMLP(FEATURES + self.condition.count, OUTPUTS, width)
 
@@ -52,10 +51,19 @@ class StretchNet(Law):
         at_rest = self.network(torch.cat((conditions.new_zeros(FEATURES, conditions.shape[1]), conditions)))
         return torch.cat((conditions, at_rest, torch.stack((self._unit(parameters), self._factor(parameters)))))
 
+    def answer(
+        self,
+        deformation: Matrices,
+        parameters: Parameters,
+        internal: InternalValues | None = None,
+        evaluated: bool = True,
+    ) -> tuple[Matrices, InternalValues | None]:
+        return self._computed(deformation, parameters), internal
+
     def _unit(self, parameters: Parameters) -> Scalars:
         if "yield_stress" in self.parameter_names:
             return strain_of_stress("yield_stress", parameters)
-        return torch.full_like(parameters["youngs_modulus"], self.unit)
+        return torch.full_like(parameters["youngs_modulus"], SMALL_STRAIN if self.returns_strain else ELASTIC_STRAIN)
 
     def _factor(self, parameters: Parameters) -> Scalars:
         if self.returns_strain:
@@ -71,6 +79,7 @@ class StretchNet(Law):
         weights = self.network.all_weights
         if stretch_law_serves(deformation, rows, weights):
             return stretch_law(self.returns_strain, deformation, rows, weights)
+        count_pytorch()
         rotation, stretch = rotation_and_stretch(deformation)
         at_rest, (unit, factor) = rows[-2 - OUTPUTS : -2], rows[-2:]
         x = features(stretch)
