@@ -14,8 +14,9 @@ shown_outside_range := map
 multi := training=thorough
 quick :=
 single := regime=single_scene training.iterations=400
-multi_paper := model=pcnclaws_paper training=paper
-single_paper := model=pcnclaws_paper training=paper regime=single_scene training.iterations=1000
+paper_training = training=$(if $(filter elasticity,$(1)),paper,paper_plastic)
+multi_paper = model=pcnclaws_paper $(paper_training)
+single_paper = model=pcnclaws_paper $(paper_training) regime=single_scene training.iterations=600
 multi_positions := training=initial
 long_positions := training=initial training.iterations=360
 free_flow_positions := $(long_positions) model=pcnclaws_free_flow
