@@ -5,7 +5,7 @@ The formulas are those of laws/neural_paper.py.
 
 import ctypes
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -19,6 +19,17 @@ LAYERS = 3
 FEATURES, OUTPUTS, SMALLEST = 10, 6, 1e-12
 
 
+class StretchLaw(NamedTuple):
+    """What distinguishes one of these laws from another.
+
+    returns_strain  its result is a deformation gradient
+    own_size        its unit of strain grows with strain
+    """
+
+    returns_strain: bool
+    own_size: bool
+
+
 class _StretchLaw(ctypes.Structure):
     _fields_ = (
         ("particles", ctypes.c_int64),
@@ -26,6 +37,7 @@ class _StretchLaw(ctypes.Structure):
         ("rows", ctypes.c_void_p),
         ("conditions", ctypes.c_int),
         ("returns_strain", ctypes.c_int),
+        ("own", ctypes.c_double),
         ("weights", ctypes.c_void_p),
     )
 
@@ -37,24 +49,23 @@ def stretch_law_serves(deformation: Tensor, rows: Tensor, weights: Sequence[Tens
     return not in_forward_mode() and stretch_law_library() is not None
 
 
-def stretch_law(returns_strain: bool, deformation: Tensor, rows: Tensor, weights: Sequence[Tensor]) -> Tensor:
+def stretch_law(law: StretchLaw, deformation: Tensor, rows: Tensor, weights: Sequence[Tensor]) -> Tensor:
     """Kirchhoff stress [Pa] or elastic deformation gradient [-], (3, 3, particles).
 
-    returns_strain  the result is a deformation gradient
     rows     conditions, output at rest, unit of strain, factor of the output, (rows, particles)
     weights  of the network: matrices (to, from), then biases (to, 1)
     """
-    return _Law.apply(returns_strain, deformation, rows, *weights)  # pyright: ignore[reportReturnType]
+    return _Law.apply(law, deformation, rows, *weights)  # pyright: ignore[reportReturnType]
 
 
 class _Law(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, returns_strain: bool, *tensors: Tensor) -> Tensor:
+    def forward(ctx: Any, law: StretchLaw, *tensors: Tensor) -> Tensor:
         deformation, rows, *weights = (tensor.contiguous() for tensor in tensors)
-        ctx.returns_strain = returns_strain
+        ctx.law = law
         ctx.save_for_backward(deformation, rows, *weights)
         result = torch.empty_like(deformation)
-        given, _kept = _described(returns_strain, deformation, rows, weights)
+        given, _kept = _described(law, deformation, rows, weights)
         call(stretch_law_library(), "stretch_law_forward", deformation.dtype, ctypes.byref(given), address(result))
         return result
 
@@ -67,7 +78,7 @@ class _Law(torch.autograd.Function):
         incoming, gradient = incoming.contiguous(), torch.empty_like(deformation)
         of_rows = torch.empty_like(rows) if ctx.needs_input_grad[2] else None
         of_weights = [torch.empty_like(weight) for weight in weights] if any(ctx.needs_input_grad[3:]) else []
-        given, _kept = _described(ctx.returns_strain, deformation, rows, weights)
+        given, _kept = _described(ctx.law, deformation, rows, weights)
         call(
             stretch_law_library(),
             "stretch_law_adjoint",
@@ -82,7 +93,7 @@ class _Law(torch.autograd.Function):
 
 
 def _described(
-    returns_strain: bool, deformation: Tensor, rows: Tensor, weights: Sequence[Tensor]
+    law: StretchLaw, deformation: Tensor, rows: Tensor, weights: Sequence[Tensor]
 ) -> tuple[_StretchLaw, Any]:
     """The kernel's input, and what must stay alive while it runs."""
     network = weights_structure(LAYERS, weights)
@@ -92,7 +103,8 @@ def _described(
         deformation.data_ptr(),
         rows.data_ptr(),
         len(rows) - OUTPUTS - 2,
-        int(returns_strain),
+        int(law.returns_strain),
+        float(law.own_size),
         pointer,
     )
     return given, network

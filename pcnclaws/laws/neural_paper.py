@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pcnclaws.compiled.stretch_law import FEATURES, OUTPUTS, SMALLEST, stretch_law, stretch_law_serves
+from pcnclaws.compiled.stretch_law import FEATURES, OUTPUTS, SMALLEST, StretchLaw, stretch_law, stretch_law_serves
 from pcnclaws.laws.base import Elasticity, Plasticity
 from pcnclaws.laws.fixed_parameters import FixedParameters
 from pcnclaws.laws.law import Law, count_pytorch
@@ -35,13 +35,14 @@ class StretchNet(Law):
     """What both laws share: S = factor n (N(x / n, parameters) - N(0, parameters)), symmetric.
 
     x are features of the right stretch U of F = R U, N is the network, n = sqrt(unit^2 + x_0^2 + x_1^2) is the size of
-    strain.
+    strain; the strain at which a material yields, n = tau_Y/(2 mu), where a plastic law knows of one.
     Without strain S is zero, whatever the weights are. An untrained S is zero at every strain.
     """
 
     def __init__(self, material: Material, parameter_names: tuple[str, ...], width: int) -> None:
         super().__init__()
         self.parameter_names = parameter_names
+        self.form = StretchLaw(self.returns_strain, "yield_stress" not in parameter_names)
         self.condition = StandardisedParameters(material.ranges, parameter_names)
         self.network = ConditionalMLP(FEATURES + self.condition.count, OUTPUTS, width)
 
@@ -61,7 +62,7 @@ class StretchNet(Law):
         return self._computed(deformation, parameters), internal
 
     def _unit(self, parameters: Parameters) -> Scalars:
-        if "yield_stress" in self.parameter_names:
+        if not self.form.own_size:
             return strain_of_stress("yield_stress", parameters)
         return torch.full_like(parameters["youngs_modulus"], SMALL_STRAIN if self.returns_strain else ELASTIC_STRAIN)
 
@@ -78,12 +79,12 @@ class StretchNet(Law):
         rows = rows.expand(-1, deformation.shape[-1])
         weights = self.network.all_weights
         if stretch_law_serves(deformation, rows, weights):
-            return stretch_law(self.returns_strain, deformation, rows, weights)
+            return stretch_law(self.form, deformation, rows, weights)
         count_pytorch()
         rotation, stretch = rotation_and_stretch(deformation)
         at_rest, (unit, factor) = rows[-2 - OUTPUTS : -2], rows[-2:]
         x = features(stretch)
-        size = (unit.square() + x[0].square() + x[1].square()).sqrt()
+        size = (unit.square() + x[0].square() + x[1].square()).sqrt() if self.form.own_size else unit
         output = self.network(torch.cat((x / size, rows[: -2 - OUTPUTS]))) - at_rest
         turned = matmul(rotation, symmetric(factor * size * output))
         return deformation + turned if self.returns_strain else matmul(turned, transpose(deformation))

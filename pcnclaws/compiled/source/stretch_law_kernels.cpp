@@ -1,6 +1,6 @@
 // The laws of laws/neural_paper.py: a network of the right stretch, on all particles, and its adjoint. F = R U, and with
 // the features x of U - I,
-//     n = sqrt(unit^2 + x_0^2 + x_1^2),   S = factor n (N(x / n, conditions) - rest),
+//     n = sqrt(unit^2 + own (x_0^2 + x_1^2)),   S = factor n (N(x / n, conditions) - rest),
 // the result is the stress R S F^T or the deformation F + R S.
 #define LAW_LAYERS 3
 #define LAW_ROWS 0
@@ -29,6 +29,7 @@ struct StretchLaw {
     const T* rows;         // conditions, rest (OUTPUTS), unit, factor: (conditions + OUTPUTS + 2, particles)
     int conditions;
     int returns_strain;
+    double own;  // 1, or 0 for strain in constant units
     const Weights<T>* weights;
 };
 
@@ -105,7 +106,7 @@ struct StretchBlock {
             put_features(at);
             at.unit = row(g, in.conditions + OUTPUTS);
             at.factor = row(g, in.conditions + OUTPUTS + 1);
-            at.scale = square_root(at.unit * at.unit + at.x[0] * at.x[0] + at.x[1] * at.x[1]);
+            at.scale = square_root(at.unit * at.unit + in.own * (at.x[0] * at.x[0] + at.x[1] * at.x[1]));
             const V inverse = 1.0 / at.scale;
             for (int k = 0; k < FEATURES; k++) network.put(network.unit, 0, g * L, k, at.x[k] * inverse);
             for (int k = 0; k < in.conditions; k++) network.put(network.unit, 0, g * L, FEATURES + k, row(g, k));
@@ -193,7 +194,7 @@ struct StretchBlock {
         for (int k = 0; k < in.conditions; k++)
             write_row(rows_gradient, k, g, network.get(network.gradient, 0, g * L, FEATURES + k));
         write_row(rows_gradient, in.conditions + OUTPUTS, g, a.scale * at.unit * inverse);
-        for (int k = 0; k < 2; k++) x[k] += a.scale * at.x[k] * inverse;
+        for (int k = 0; k < 2; k++) x[k] += in.own * a.scale * at.x[k] * inverse;
 
         Matrix of_u, of_deviator;
         const V squared = at.size * at.size + SMALLEST;
