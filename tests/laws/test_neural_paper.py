@@ -20,7 +20,7 @@ from pcnclaws.linalg3 import identity_like, matmul, transpose
 def laws_of(material: str, dtype: torch.dtype = torch.float64) -> list[StretchNet]:
     """The laws with weights at random, of a width that is no multiple of a vector."""
     laws, generator = build_neural_laws(MATERIALS[material], {"name": "pcnclaws_paper", "width": 13}), seeded(50)
-    found = [law for law in (laws.elasticity, laws.plasticity) if isinstance(law, StretchNet)]
+    found: list[StretchNet] = [law for law in (laws.elasticity, laws.plasticity) if isinstance(law, StretchNet)]
     for law in found:
         for weight in law.to(dtype).parameters():
             nn.init.normal_(weight, std=0.4, generator=generator)
@@ -40,6 +40,7 @@ def test_the_polar_decomposition_has_its_derivatives_where_stretches_coincide() 
         rates = [forward_ad.unpack_dual(one).tangent for one in rotation_and_stretch(forward_ad.make_dual(f, tangent))]
     for value, rate in zip((rotation, stretch), rates, strict=True):
         (gradient,) = torch.autograd.grad((value * adjoint).sum(), f, retain_graph=True)
+        assert rate is not None
         torch.testing.assert_close((gradient * tangent).sum(), (rate * adjoint).sum())
 
 
