@@ -14,6 +14,7 @@ ROWS = {
     "free_flow_positions": "the same with free flow",
     "multi_paper": "-M, the paper's networks",
     "single_paper": "-S, the paper's networks",
+    "quick_paper": "-M, the paper's networks before their units, short training",
     "quick": "-M, short training (`make demo`)",
     "no_prior": "-M without the prior",
     "structure": "structure alone, untrained",
