@@ -14,7 +14,9 @@ shown_outside_range := map
 multi := training=thorough
 quick :=
 single := regime=single_scene training.iterations=400
-multi_paper := model=pcnclaws_paper
+paper_training = training=$(if $(filter elasticity,$(1)),paper,paper_plastic)
+multi_paper = model=pcnclaws_paper $(paper_training)
+single_paper = model=pcnclaws_paper $(paper_training) regime=single_scene training.iterations=600
 multi_positions := training=initial
 long_positions := training=initial training.iterations=360
 free_flow_positions := $(long_positions) model=pcnclaws_free_flow
@@ -41,6 +43,7 @@ BRIEF := reconstruction unseen
 tasks_multi := $(TASKS) outside_range
 tasks_single := $(TASKS)
 tasks_multi_paper := $(PAPER_TASKS)
+tasks_single_paper := reconstruction long_term geometry
 tasks_multi_positions := $(BRIEF)
 tasks_long_positions := $(BRIEF)
 tasks_free_flow_positions := $(BRIEF)
@@ -57,6 +60,8 @@ $(foreach name,$(VARIATIONS),$(eval tasks_$(name) := unseen))
 # a law of one scene is asked about its own one
 evaluation_single := task.scene=train-00
 evaluated_single := reconstruction long_term geometry unseen_motion
+evaluation_single_paper := task.scene=train-00
+evaluated_single_paper := $(tasks_single_paper)
 
 # $(call row,material,row): its training and its tasks
 define row
@@ -89,7 +94,7 @@ rows = $(foreach name,$(1),$(foreach material,$(2),$(eval $(call row,$(material)
 $(call rows,multi single,$(FAMILY))
 $(call rows,multi_positions structure,$(FAMILY) $(OUTSIDERS))
 $(call rows,long_positions free_flow_positions,tresca)
-$(call rows,quick no_prior multi_paper scenes_4 scenes_8 scenes_24,$(FAMILY))
+$(call rows,quick no_prior multi_paper single_paper scenes_4 scenes_8 scenes_24,$(FAMILY))
 $(call rows,energy,elasticity)
 $(call rows,seed_1 seed_2,sand)
 $(call rows,$(VARIATIONS),elasticity sand)

@@ -49,6 +49,12 @@ def law_library(text: str) -> ctypes.CDLL | None:
     return library
 
 
+@cache
+def stretch_law_library() -> ctypes.CDLL | None:
+    """The kernels of laws of the right stretch; None, and one line, where they cannot be compiled."""
+    return _library("stretch_law_kernels.cpp", {})
+
+
 def fallbacks() -> int:
     """How many particles found their principal axes by the slow path on the CPU in this process."""
     return sum(ctypes.c_int64.in_dll(library, "fallbacks").value for library in _law_libraries)

@@ -111,13 +111,13 @@ class Law(nn.Module, ABC):
             internal = start_values(self.internal_variables, deformation)
         kernel = self.kernel
         if kernel is None:
-            _count_pytorch()
+            count_pytorch()
             return self._evaluated(deformation, parameters, internal)
         network = self._network
         weights = network.all_weights if network is not None else ()
         given = list(parameters.values()) if internal is None else [*parameters.values(), internal]
         if not kernels_serve(deformation, given, weights=weights) or not law_serves(kernel, deformation):
-            _count_pytorch()
+            count_pytorch()
             return self._evaluated(deformation, parameters, internal)
         rows = parameters.rows_of(self) if isinstance(parameters, FixedParameters) else None
         if rows is None:
@@ -216,7 +216,8 @@ class Law(nn.Module, ABC):
             ) from error
 
 
-def _count_pytorch() -> None:
+def count_pytorch() -> None:
+    """Notes that a law ran in PyTorch where a kernel would have served."""
     # without a compiler a line has said so
     if configured_backend() == "auto" and find_compiler() is not None:
         count("law_evaluations_in_pytorch")

@@ -19,8 +19,7 @@ def is_stress_free_at_rest(simulator: Simulator, parameters: Parameters) -> bool
 
     Neither strain nor internal variables flow.
 
-    The analytic laws and the neural ones of `model=pcnclaws` and `model=pcnclaws_no_prior` do by their structure;
-    those of `model=pcnclaws_paper` do not.
+    The analytic laws and our neural ones do by their structure.
     """
     parameters = simulator.law_parameters(parameters)
     any_parameter = next(iter(parameters.values()))
