@@ -109,6 +109,8 @@ def explain(entry: str, overrides: Sequence[str], error: Exception) -> UserError
             f"'{error.override}' cannot be read; accepted: option=value, a value with special characters in quotes"
         )
     if match := re.search(r"Could not override '([^'@]+)'", str(error)):
+        if match[1].startswith("hydra."):
+            return UserError(f"option='{match[1]}' is not known; accepted: what --cfg hydra lists")
         return unknown_option(match[1], _defaults_without(match[1], entry, overrides))
     where = error.full_key if isinstance(error, OmegaConfBaseException) and error.full_key else " ".join(overrides)
     text = str(error).partition("full_key")[0]

@@ -12,7 +12,6 @@ import io
 import os
 import signal
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr
@@ -21,7 +20,6 @@ from typing import NoReturn
 import hydra
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from omegaconf import DictConfig
 
 from pcnclaws.commands.choices import offer_choices
 from pcnclaws.commands.composition import (
@@ -35,10 +33,11 @@ from pcnclaws.commands.composition import (
 from pcnclaws.commands.folder_names import swept_options
 from pcnclaws.commands.help import help_text
 from pcnclaws.commands.jobs import FAILED, Jobs, Task
+from pcnclaws.commands.launchers import check_launcher, lost_jobs, quoted, sweep_folder
 from pcnclaws.commands.signals import signals_end_it
 from pcnclaws.errors import Interrupted, UserError, is_full
 
-HELP = {"--help", "-h"}
+HELP, MULTIRUN = {"--help", "-h"}, {"--multirun", "-m"}
 TERMINATED = 128 + signal.SIGTERM
 
 
@@ -83,8 +82,13 @@ def _run(jobs: Jobs, arguments: Sequence[str]) -> None:
             print(help_text(jobs.entry, jobs.task.__doc__, overrides))
             return
         jobs.swept = swept_options(overrides)
-        with tempfile.TemporaryDirectory() as sweep_folder:
-            _launch(jobs, flags, [*overrides, f"hydra.sweep.dir={sweep_folder}"])
+        check_launcher(overrides, multirun=not MULTIRUN.isdisjoint(flags))
+        with sweep_folder(jobs.entry, overrides) as jobs.folder:
+            try:
+                _launch(jobs, flags, [*overrides, f"hydra.sweep.dir={quoted(jobs.folder)}"])
+            except Exception as error:
+                jobs.record(lost_jobs(error))
+            jobs.gather()
     except BrokenPipeError:  # `| head` has read enough
         _listen_no_more()
     except (*CONFIG_ERRORS, ValueError) as error:  # Hydra raises ValueError, too, for what it cannot compose
@@ -138,14 +142,11 @@ def _launch(jobs: Jobs, flags: list[str], overrides: list[str]) -> None:
     """Hydra composes and runs, one job or a sweep of them; it keeps no folder of its own."""
     _refuse_shared_output(overrides)
 
-    def task(config: DictConfig) -> None:
-        jobs.run(config)
-
     decorate = hydra.main(version_base=HYDRA_VERSION_BASE, config_path=str(conf_folder()), config_name=jobs.entry)
     typed = sys.argv
     sys.argv = [jobs.entry, *flags, *overrides]  # Hydra takes its arguments from nowhere else
     try:
-        decorate(task)()
+        decorate(jobs.run)()
     finally:
         sys.argv = typed
 
