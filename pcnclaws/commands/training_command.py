@@ -4,12 +4,14 @@ import copy
 import math
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
 from pcnclaws.baselines.identified import identified_values
+from pcnclaws.commands.choices import import_plugins
 from pcnclaws.commands.configuration import (
     device_from,
     execution_from,
@@ -29,6 +31,7 @@ from pcnclaws.provenance import commit
 from pcnclaws.training.callbacks import BestWeights
 from pcnclaws.training.checkpoints import check_interval, newest_checkpoint
 from pcnclaws.training.hyperparameters import log_hyperparameters
+from pcnclaws.training.processes import beside
 from pcnclaws.training.sources import TrainingScenes
 from pcnclaws.training.trainer import FitResult, fit, quiet_lightning
 from pcnclaws.training.weights import set_model_weights, write_weights
@@ -68,24 +71,29 @@ def _train(config: TrainConfig) -> None:
 
     scenes = scenes_of(inputs)
     more = not config.overwrite and goes_on(folder, options)
-    prepared = setup(config, model, scenes, _interval_before(folder) if more else None)
+    interval = _interval_before(folder) if more else None
+    prepared = setup(config, model, scenes, interval)
     for note in (*scenes.notes, *inputs.notes, *prepared.notes):
         console.print(note)
     if more:  # it is not finished until the longer run is
         (folder / METRICS).unlink(missing_ok=True)
     start_run(folder, options, config.overwrite)
     untrained, untrained_mse = copy.deepcopy(model), _check_before(config, prepared, console)
-    fitted = fit(
-        prepared.module,
-        prepared.data,
-        folder,
-        device_from(config.device),
-        loop_from(config),
-        console=console,
-        clock=prepared.clock,
-        to_beat=None if initial is None else untrained_mse,
-        keep=lambda best: _keep(config, scenes, folder, best),
-    )
+    loop = loop_from(config)
+    with beside(
+        loop.processes if config.training.iterations else 1, train_beside, replace(config, threads=None), interval
+    ):
+        fitted = fit(
+            prepared.module,
+            prepared.data,
+            folder,
+            device_from(config.device),
+            loop,
+            console=console,
+            clock=prepared.clock,
+            to_beat=None if initial is None else untrained_mse,
+            keep=lambda best: _keep(config, scenes, folder, best),
+        )
 
     notes = _notes(config, scenes, fitted)
     write_weights(folder / WEIGHTS, fitted.best.weights, notes)
@@ -106,6 +114,21 @@ def _train(config: TrainConfig) -> None:
     shown = {option: value for option, value in leaves(options) if not is_free(option)}
     if config.logger.name == "tensorboard":
         log_hyperparameters(folder, shown, run_errors(folder))
+
+
+def train_beside(config: TrainConfig, interval: int | None) -> None:
+    """The part of a training in a further process: its share of every batch and of every check, and no files.
+
+    config    as the first process has settled it
+    interval  iterations between the checks of a run that goes on for longer
+    """
+    quiet_lightning()
+    use_processor(config)
+    import_plugins(config.plugins)
+    inputs = inputs_of(config)
+    prepared = setup(inputs.config, inputs.model, scenes_of(inputs), interval)
+    folder, device = Path(config.output), device_from(config.device)
+    fit(prepared.module, prepared.data, folder, device, loop_from(config), clock=prepared.clock)
 
 
 def _check_before(config: TrainConfig, prepared: Setup, console: Console) -> float | None:

@@ -121,21 +121,26 @@ class ConstitutiveModule(WatchedModule):
             simulator, batch.start, batch.steps, batch.every, recompute=self.settings.recompute, skips=self.skips
         )
         error = position_loss(predicted, batch.target)
-        self.log("loss", error.detach(), batch_size=1)
+        self.log("loss", error.detach() * batch.share.observations, batch_size=1, sync_dist=self.trainer.world_size > 1)
         self.log("segment_length", float(batch.steps), batch_size=1)
         self.log("learning_rate", self.trainer.optimizers[0].param_groups[0]["lr"], batch_size=1)
-        return self.settings.scale * self._loss(batch, simulator, predicted, error)
+        loss = self.settings.scale * self._loss(batch, simulator, predicted, error)
+        return loss if self.trainer.world_size == 1 else loss + self._nothing()
+
+    def _nothing(self) -> Tensor:
+        """Zero, with a gradient of zero for every weight: other processes wait for each, also from free flight."""
+        return 0.0 * torch.stack([weight.sum() for weight in self.parameters() if weight.requires_grad]).sum()
 
     def _loss(self, batch: SegmentBatch, simulator: Simulator, predicted: Tensor, error: Tensor) -> Tensor:
         """What is minimised: the squared error [m^2], or each segment's relative to its motion [-]."""
         if self.settings.loss == "absolute":
-            return error
+            return error * batch.share.observations
         times = range(batch.every, batch.steps + 1, batch.every)
         time_step = simulator.integrator.settings.time_step
         state, scenes = batch.start.state, batch.start.scenes
         unstressed = unstressed_positions(state, scenes, time_step, times)
         segments = scenes.scene_index, scenes.scene_count
-        return relative_position_loss(predicted, batch.target, unstressed, *segments)
+        return relative_position_loss(predicted, batch.target, unstressed, *segments) * batch.share.segments
 
     def rollout_error(self, records: Sequence[SceneRecord]) -> float:
         weight = next(self.parameters())

@@ -45,7 +45,11 @@ class WatchedModule(LightningModule, ABC):
         """Mean position MSE [m^2] of whole rollouts of recorded scenes; infinite if one diverges."""
 
     def validation_step(self, batch: list[SceneRecord], batch_idx: int) -> None:
-        self.log("validation_mse", self.rollout_error(batch), batch_size=1)
+        """Logs the mean error of all scenes, of which each of several processes simulates its own."""
+        share = batch[self.global_rank :: self.trainer.world_size]
+        error = self.rollout_error(share) * (len(share) / len(batch)) if share else 0.0
+        several = self.trainer.world_size > 1
+        self.log("validation_mse", error, batch_size=1, sync_dist=several, reduce_fx="sum" if several else "mean")
 
     def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
         """Watches the gradient: an iteration without a finite one leaves the optimiser as it is, see `step_back`."""
