@@ -109,7 +109,8 @@ class SegmentDataset(Dataset[SegmentBatch]):
         start_time = starts[0].settings.start_time
         starts, frames, share = self._divided(starts, frames)
         batch = batch_scenes(starts, self.dtype, "cpu", self.internal_variables)
-        return SegmentBatch(batch, join_positions(frames, self.dtype), length, every, g, start_time, share)
+        positions = join_positions(frames, self.dtype)
+        return SegmentBatch(batch, positions, length, every, g, start_time=start_time, share=share)
 
     def _divided(
         self, starts: list[SceneStart], frames: list[np.ndarray]
