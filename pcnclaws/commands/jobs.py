@@ -8,13 +8,19 @@ from pathlib import Path
 from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
-from hydra.types import RunMode
 from omegaconf import DictConfig
 from rich.console import Console
 
 from pcnclaws import guards
 from pcnclaws.commands.choices import offer_choices
-from pcnclaws.commands.composition import CONFIG_ERRORS, checked, explain, register_resolvers, task_overrides
+from pcnclaws.commands.composition import (
+    CONFIG_ERRORS,
+    checked,
+    explain,
+    is_of_sweep,
+    register_resolvers,
+    task_overrides,
+)
 from pcnclaws.commands.sweep_notes import SweepNotes, shared_output
 from pcnclaws.commands.sweeps import Job, sweep_table
 from pcnclaws.commands.typed_configs import Command
@@ -50,7 +56,7 @@ class Jobs:
         if os.getpid() != self._process:
             return self._run_elsewhere(config)
         job = self._run(config)
-        self._keep(job, HydraConfig.get().mode == RunMode.MULTIRUN)
+        self._keep(job, is_of_sweep())
         return job
 
     def record(self, error: Exception) -> None:
