@@ -108,7 +108,7 @@ def _trained(folder: Path, material: Material, order: tuple[int, int, int], seed
     whole_seconds = time.monotonic() - began
     seconds = float(json.loads((run / "metrics.json").read_text())["training"]["training_seconds"])
     weights, alone = _weights(run), folder / f"run_1_{segments}"
-    difference = float(np.abs(weights - _weights(alone)).max()) if alone.exists() else None
+    difference = float(np.abs(weights - _weights(alone)).max()) if count > 1 and alone.exists() else None
     return {
         "processes": count,
         "segments": segments,

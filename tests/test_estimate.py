@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from observed_bodies import TRUTH, start
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from pcnclaws.data.hdf5 import read_scenes, write_scenes
 from pcnclaws.estimate import estimate
@@ -56,6 +57,12 @@ def test_it_finds_the_truth_and_leaves_a_table_a_file_pictures_and_the_motion(es
     names = {path.name for path in (tmp_path / "new").iterdir()}
     assert names == {"e.json", "e_convergence.png", "e_fit.png", "e_simulated.h5", "e"}
     assert {path.name for path in (tmp_path / "new" / "e").iterdir()} == {"tensorboard", "search.yaml"}
+    shown = EventAccumulator(str(tmp_path / "new" / "e" / "tensorboard")).Reload()
+    for name in TRUTH["elasticity"]:
+        ends = [shown.Scalars(f"interval/{name}/{end}")[-1].value for end in ("low", "high")]
+        assert ends == pytest.approx(found["parameters"][name]["interval_95"], rel=1e-6)
+        assert shown.Scalars(name)[-1].value == pytest.approx(found["parameters"][name]["estimate"], rel=1e-6)
+    assert "estimate/text_summary" in shown.Tags()["tensors"]
     again = read_scenes(tmp_path / "new" / "e_simulated.h5")[0]
     np.testing.assert_allclose(again.parameters["youngs_modulus"], 1e5, rtol=1e-3)
     for word in ("guess", "estimate", "95 % interval", "truth", "youngs_modulus [Pa]"):
@@ -235,6 +242,12 @@ def test_two_bodies_of_different_stiffness_are_told_at_once(estimated, tmp_path)
     assert outcome.status == 0, outcome.err
     found = json.loads((tmp_path / "new" / "e.json").read_text())["parameters"]
     assert [found[f"youngs_modulus[body_{k}]"]["estimate"] for k in (0, 1)] == pytest.approx([1e5, 1.5e5], rel=1e-3)
+    shown = EventAccumulator(str(tmp_path / "new" / "e" / "tensorboard")).Reload()
+    for name in TRUTH["elasticity"]:
+        ends = [shown.Scalars(f"interval/{name}/{end}")[-1].value for end in ("low", "high")]
+        assert ends == pytest.approx(found["parameters"][name]["interval_95"], rel=1e-6)
+        assert shown.Scalars(name)[-1].value == pytest.approx(found["parameters"][name]["estimate"], rel=1e-6)
+    assert "estimate/text_summary" in shown.Tags()["tensors"]
     again = read_scenes(tmp_path / "new" / "e_simulated.h5")[0]
     np.testing.assert_allclose(again.position[-1], recorded[0].position[-1], atol=1e-5)
     assert (tmp_path / "new" / "e_convergence.png").exists()

@@ -38,6 +38,7 @@ from pcnclaws.estimation.inverse import InverseModule
 from pcnclaws.estimation.inverse_search import fit_inverse
 from pcnclaws.estimation.law_error import known_law_error
 from pcnclaws.estimation.problem import EstimationProblem
+from pcnclaws.estimation.tensorboard_log import log_intervals
 from pcnclaws.estimation.uncertainty import uncertainty
 from pcnclaws.estimation.unknowns import Unknowns
 from pcnclaws.evaluation.report import write_metrics
@@ -118,6 +119,7 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     for path in _extras(config, output, module, findings):
         console.print(f"wrote {path}")
     write_metrics(output, values)
+    log_intervals(folder, found.estimates, module.iterations, fit.has_intervals)
     shutil.rmtree(folder / "checkpoints", ignore_errors=True)
     console.print(f"wrote {output}: MSE {mse:.2e} m^2 in {values['seconds']:g} s")
     return _numbers(values)

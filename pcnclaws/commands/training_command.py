@@ -135,7 +135,7 @@ def _check_before(config: TrainConfig, prepared: Setup, console: Console) -> flo
     """The error of the untrained model that the checks compare with [m^2]; None where nothing is trained."""
     if not config.training.iterations:
         return None
-    mse = prepared.module.rollout_error(prepared.data.validation)
+    mse = prepared.module.checked(prepared.data.validation).mse
     console.print(
         f"before training: check {mse:.2e} m²" if math.isfinite(mse) else "before training: the check diverges"
     )

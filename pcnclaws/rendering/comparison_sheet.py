@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from matplotlib.colors import LinearSegmentedColormap
 from PIL import Image, ImageDraw, ImageFont
 
@@ -62,6 +62,18 @@ def comparison_sheet(pairs: Sequence[Pair], path: Path, title: str) -> Path:
         small = sheet.quantize(COLOURS_IN_FILE, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
         small.save(unfinished, format="PNG", optimize=True)
     return path
+
+
+def comparison_picture(pair: Pair, width: int) -> UInt8[np.ndarray, "rows columns 3"]:
+    """The end of a motion, true at the left and predicted at the right; coloured as comparison_sheet.
+
+    width  of each of the two [pixels]
+    """
+    camera, frame = camera_for(pair, width), len(pair.true.time) - 1
+    distance = np.linalg.norm(pair.predicted.position[frame] - pair.true.position[frame], axis=1)
+    true = panel(pair.true, frame, camera, oversample=1)
+    predicted = panel(pair.predicted, frame, camera, _scale([pair])(distance), oversample=1)
+    return np.concatenate((true, predicted), axis=1)
 
 
 def _head(title: str) -> Image.Image:

@@ -13,6 +13,7 @@ from lightning.pytorch.callbacks import EarlyStopping
 from lightning.pytorch.loggers import CSVLogger, Logger, TensorBoardLogger, WandbLogger
 
 from pcnclaws.errors import UserError, not_installed, unknown_name
+from pcnclaws.training.dashboard import Dashboard
 
 LOGGERS = ("tensorboard", "csv", "wandb")
 # Options of the Trainer that options of ours set.
@@ -50,6 +51,7 @@ class Loop:
     project    of Weights & Biases
     patience   validations without a better one after which a training ends, None for never
     min_delta  by how much one must be better [m^2]
+    pictures   whether TensorBoard is given pictures and point clouds of the validation scenes
     raises     UserError
     """
 
@@ -59,6 +61,7 @@ class Loop:
     project: str | None = None
     patience: int | None = None
     min_delta: float = 0.0
+    pictures: bool = True
 
     def __post_init__(self) -> None:
         if self.logger not in LOGGERS:
@@ -100,10 +103,11 @@ class Loop:
         return TensorBoardLogger(folder, name="tensorboard", version="")
 
     def made_callbacks(self) -> list[Callback]:
-        """The callbacks that not every run has."""
+        """The callbacks of the logger, and those that not every run has."""
+        dashboard = Dashboard(self.pictures)
         if self.patience is None:
-            return []
-        return [EarlyStopping("validation_mse", self.min_delta, self.patience, check_finite=False)]
+            return [dashboard]
+        return [dashboard, EarlyStopping("validation_mse", self.min_delta, self.patience, check_finite=False)]
 
     def made_trainer(self, **options: Any) -> Trainer:
         """The Trainer of these options and of the user's, which come first."""

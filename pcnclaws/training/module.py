@@ -1,9 +1,8 @@
 """Lightning module that both regimes share: rollout, loss, optimiser, and validation by a full rollout."""
 
-import logging
 import math
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -12,9 +11,9 @@ from torch import Tensor, nn
 from torch.optim.lr_scheduler import CosineAnnealingLR
 
 from pcnclaws.data.dataset import SegmentBatch
-from pcnclaws.errors import SimulationDiverged, UserError, unknown_name
+from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.laws.analytic import Laws
-from pcnclaws.metrics import position_mse
+from pcnclaws.metrics import Positions
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.fast_paths import Skips
@@ -28,8 +27,6 @@ from pcnclaws.simulation.simulator import Simulator, simulator_of
 from pcnclaws.training.losses import position_loss, relative_position_loss, unstressed_positions
 from pcnclaws.training.schedule import cosine_schedule, lengthen
 from pcnclaws.training.watched import WatchedModule
-
-log = logging.getLogger(__name__)
 
 # The optimiser sees the loss times this, meant to keep gradients above its epsilon of 1e-8: squared metres are tiny
 # numbers, relative errors small ones.
@@ -142,25 +139,22 @@ class ConstitutiveModule(WatchedModule):
         segments = scenes.scene_index, scenes.scene_count
         return relative_position_loss(predicted, batch.target, unstressed, *segments) * batch.share.segments
 
-    def rollout_error(self, records: Sequence[SceneRecord]) -> float:
+    @property
+    def networks(self) -> Mapping[str, nn.Module]:
+        laws = zip(self.laws._fields, self.laws, strict=True)
+        return {name: law for name, law in laws if law is not None and any(True for _ in law.parameters())}
+
+    def predicted(self, records: Sequence[SceneRecord]) -> list[Positions]:
         weight = next(self.parameters())
         steps = [record.frame_steps() for record in records]
         every = math.gcd(*(int(step) for of_scene in steps for step in of_scene))
-        try:
-            rollouts = simulate_records(
-                [start_of(record) for record in records],
-                self.laws,
-                FramePlan(max(int(of_scene[-1]) for of_scene in steps), every),
-                Execution(weight.dtype, weight.device, self.skips),
-            )
-        except SimulationDiverged as divergence:
-            log.warning("check failed: %s", divergence)
-            return math.inf
-        errors = [
-            position_mse(rollout.position[of_scene // every], record.position)
-            for rollout, of_scene, record in zip(rollouts, steps, records, strict=True)
-        ]
-        return sum(errors) / len(errors)
+        rollouts = simulate_records(
+            [start_of(record) for record in records],
+            self.laws,
+            FramePlan(max(int(of_scene[-1]) for of_scene in steps), every),
+            Execution(weight.dtype, weight.device, self.skips),
+        )
+        return [rollout.position[of_scene // every] for rollout, of_scene in zip(rollouts, steps, strict=True)]
 
     def configure_optimizers(self) -> Any:
         optimiser = torch.optim.Adam(self._parameter_groups(), lr=self.settings.learning_rate)

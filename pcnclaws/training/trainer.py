@@ -142,7 +142,7 @@ def interruptible(checkpoints: Path) -> Iterator[None]:
 def _untrained(module: WatchedModule, data: CheckedDataModule) -> FitResult:
     """The model as it is, with the error of one check."""
     history, best = History(), BestWeights(module.model)
-    best.mse, best.weights = module.rollout_error(data.validation), model_weights(module.model)
+    best.mse, best.weights = module.checked(data.validation).mse, model_weights(module.model)
     history.check_iteration, history.check_mse = [0], [best.mse]
     return FitResult(history, best, module.skipped)
 

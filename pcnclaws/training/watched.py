@@ -2,7 +2,7 @@
 
 import logging
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -11,8 +11,10 @@ from torch import Tensor, nn
 
 from pcnclaws.errors import SimulationDiverged
 from pcnclaws.guards import count
+from pcnclaws.metrics import Positions
 from pcnclaws.simulation.motion import SceneSimulator
 from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.training.checks import Check
 
 log = logging.getLogger(__name__)
 
@@ -33,6 +35,7 @@ class WatchedModule(LightningModule, ABC):
         super().__init__()
         self.gradient_clip, self.step_back = gradient_clip, step_back
         self.skipped = self.skipped_in_row = 0
+        self.check = Check((), ())  # the last one
         self._good: list[Tensor] = []
 
     @property
@@ -40,22 +43,50 @@ class WatchedModule(LightningModule, ABC):
     def model(self) -> SceneSimulator:
         """What is trained."""
 
+    @property
+    def networks(self) -> Mapping[str, nn.Module]:
+        """The parts of the model whose gradients are watched one by one, by name."""
+        return {}
+
     @abstractmethod
-    def rollout_error(self, records: Sequence[SceneRecord]) -> float:
-        """Mean position MSE [m^2] of whole rollouts of recorded scenes; infinite if one diverges."""
+    def predicted(self, records: Sequence[SceneRecord]) -> list[Positions]:
+        """Whole rollouts of recorded scenes at the frames of each; SimulationDiverged if one diverges."""
+
+    def checked(self, records: Sequence[SceneRecord]) -> Check:
+        """The rollouts of recorded scenes beside the records."""
+        try:
+            return Check(tuple(records), tuple(self.predicted(records)))
+        except SimulationDiverged as divergence:
+            log.warning("check failed: %s", divergence)
+            return Check(tuple(records), ())
+
+    def _check_of_all(self, records: list[SceneRecord]) -> Check:
+        """The check of all scenes, of which each of several processes simulates its own and is told the others'."""
+        count = self.trainer.world_size
+        if count == 1:
+            return self.checked(records)
+        own = records[self.global_rank :: count]
+        shares: list[tuple[Positions, ...]] = [()] * count
+        torch.distributed.all_gather_object(shares, self.checked(own).predicted if own else ())
+        if sum(map(len, shares)) < len(records):  # one has diverged
+            return Check(tuple(records), ())
+        return Check(tuple(records), tuple(shares[i % count][i // count] for i in range(len(records))))
 
     def validation_step(self, batch: list[SceneRecord], batch_idx: int) -> None:
-        """Logs the mean error of all scenes, of which each of several processes simulates its own."""
-        share = batch[self.global_rank :: self.trainer.world_size]
-        error = self.rollout_error(share) * (len(share) / len(batch)) if share else 0.0
-        several = self.trainer.world_size > 1
-        self.log("validation_mse", error, batch_size=1, sync_dist=several, reduce_fx="sum" if several else "mean")
+        self.check = self._check_of_all(batch)
+        several = self.trainer.world_size > 1  # all of which log the same
+        self.log("validation_mse", self.check.mse, batch_size=1, sync_dist=several)
+        for name, error in self.check.errors.items():
+            self.log(f"validation/{name}", error, batch_size=1, sync_dist=several)
 
     def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
         """Watches the gradient: an iteration without a finite one leaves the optimiser as it is, see `step_back`."""
         gradients = [weight.grad for weight in self.parameters() if weight.grad is not None]
         norm = nn.utils.get_total_norm(gradients)
         self.log("gradient_norm", norm, batch_size=1)
+        for name, network in self.networks.items():
+            of_one = [weight.grad for weight in network.parameters() if weight.grad is not None]
+            self.log(f"gradient_norm/{name}", nn.utils.get_total_norm(of_one), batch_size=1)
         if bool(torch.isfinite(norm)):
             self.skipped_in_row = 0
             self._good = [weight.detach().clone() for weight in self.parameters()] if self.step_back else []

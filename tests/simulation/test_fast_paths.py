@@ -151,7 +151,7 @@ def test_the_checks_of_a_training_take_its_switches_and_record_no_graph() -> Non
         law = Listening()
         module = MultiSceneModule(Laws(law, None), [record.settings], OptimiserSettings(), 1, skips)
         module.register_parameter("weight", torch.nn.Parameter(torch.zeros(())))
-        assert module.rollout_error([record]) < 1e-12
+        assert module.checked([record]).mse < 1e-12
         asked[skips] = law.recorded.count(False)
         assert True not in law.recorded[-asked[skips] :]
     assert asked[OFF] == 10

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import torch
 from rich.console import Console
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch.optim.lr_scheduler import CosineAnnealingLR
 from training_bodies import Scaled, recorded
 
@@ -23,11 +24,12 @@ from pcnclaws.simulation.law_simulator import LawSimulator
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.tensor_types import Matrices, Parameters
 from pcnclaws.training import watched
+from pcnclaws.training.loop import Loop
 from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
 from pcnclaws.training.schedule import cosine_schedule, lengthen
 from pcnclaws.training.single_scene import SingleSceneModule
-from pcnclaws.training.trainer import FitResult, fit
+from pcnclaws.training.trainer import DEFAULT_LOOP, FitResult, fit
 from pcnclaws.training.weights import model_weights
 
 
@@ -45,11 +47,12 @@ def trained(
     start: str = "keyframes",
     console: Console | None = None,
     rate: float = 0.05,
+    loop: Loop = DEFAULT_LOOP,
 ) -> FitResult:
     plan = SegmentPlan(iterations, 2, start, first=10, last=15 if start == "keyframes" else 20)
     data = TrajectoryDataModule(records, records[:1], plan, iterations // 2)
     regime = module(laws, data.dataset.settings, OptimiserSettings(rate, recompute=False), iterations)
-    return fit(regime, data, folder, torch.device("cpu"), console=console or Console(file=StringIO()))
+    return fit(regime, data, folder, torch.device("cpu"), loop, console=console or Console(file=StringIO()))
 
 
 class Brittle(Scaled):
@@ -65,7 +68,7 @@ def test_training_finds_the_factor_of_the_recordings(records: list[SceneRecord],
     fitted = trained(MultiSceneModule, Laws(law, None), records, tmp_path, 16, start, rate=0.04)
     assert abs(float(law.factor.detach()) - 1.0) < 0.1
     untrained = MultiSceneModule(Laws(Scaled(0.7), None), [records[0].settings], OptimiserSettings(), 1)
-    assert fitted.best.mse < 0.02 * untrained.rollout_error(records[:1])
+    assert fitted.best.mse < 0.02 * untrained.checked(records[:1]).mse
     assert fitted.best.mse == min(fitted.history.check_mse)
     assert len(fitted.history.loss) == 16
     assert fitted.history.check_iteration == [8, 16]
@@ -170,7 +173,7 @@ def test_a_step_too_far_can_be_taken_back(records: list[SceneRecord], tmp_path: 
 def test_a_check_of_the_true_law_is_exact(records: list[SceneRecord]) -> None:
     law: Elasticity = Scaled(1.0)
     module = MultiSceneModule(Laws(law, None), [records[0].settings], OptimiserSettings(), 1)
-    assert module.rollout_error(records) < 1e-12
+    assert module.checked(records).mse < 1e-12
 
 
 def test_progress_says_where_the_run_is(records: list[SceneRecord], tmp_path: Path) -> None:
@@ -180,6 +183,25 @@ def test_progress_says_where_the_run_is(records: list[SceneRecord], tmp_path: Pa
     assert [line.split()[1] for line in lines] == ["2/4", "4/4"]
     assert all(word in lines[0] for word in ("loss", "check", "it/s", "left"))
     assert list((tmp_path / "tensorboard").glob("events*"))
+
+
+def test_tensorboard_is_shown_each_scene_and_law(records: list[SceneRecord], tmp_path: Path) -> None:
+    laws = build_neural_laws(MATERIALS["elasticity"], {"name": "pcnclaws", "width": 8})
+    trained(MultiSceneModule, laws, records, tmp_path)
+    shown = EventAccumulator(str(tmp_path / "tensorboard")).Reload()
+    tags, scenes = shown.Tags(), [records[0].name]
+    whole, of_one = (shown.Scalars(name)[-1].value for name in ("validation_mse", f"validation/{scenes[0]}"))
+    assert whole == of_one, "it is the only one"
+    whole, elastic = (shown.Scalars(name)[-1].value for name in ("gradient_norm", "gradient_norm/elasticity"))
+    assert whole == elastic > 0.0, "the law has no other part"
+    assert shown.Scalars("iteration_seconds")[-1].value > 0.0
+    assert {f"motion/{name}" for name in scenes} == set(tags["images"])
+    assert {f"points/{name}_{part}" for name in scenes for part in ("VERTEX", "COLOR")} <= set(tags["tensors"])
+    names = {f"weights/elasticity.{name}" for name, _ in laws.elasticity.named_parameters()}
+    assert names | {f"features/elasticity/{k}" for k in range(3)} == set(tags["histograms"])
+    trained(MultiSceneModule, laws, records, tmp_path / "plain", loop=Loop(pictures=False))
+    tags = EventAccumulator(str(tmp_path / "plain" / "tensorboard")).Reload().Tags()
+    assert tags["images"] == tags["tensors"] == []
 
 
 @pytest.mark.parametrize(
