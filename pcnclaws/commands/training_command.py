@@ -99,6 +99,7 @@ def _train(config: TrainConfig) -> None:
     write_weights(folder / WEIGHTS, fitted.best.weights, notes)
     set_model_weights(model, fitted.best.weights, str(folder / WEIGHTS))
     notes |= against_untrained(fitted.best.mse, untrained_mse) | {"training_seconds": round(prepared.clock.spent, 1)}
+    notes |= {"contradicting_scenes": prepared.module.contradicting()}
     notes |= {"identified": found} if model.laws is not None and (found := identified_values(model.laws)) else {}
     report = Report(
         folder,

@@ -59,7 +59,7 @@ def write_report(report: Report, seed: int, pictures: bool, console: Console) ->
     start = "positions only" if report.notes["positions_only"] else "segments from keyframes"
     title = f"{report.notes['material']}, {report.notes['regime']}, {start}: {len(after)} scenes"
     console.print(results_table(after, title, before, published))
-    if warning := _warning(report):
+    for warning in (*_warning(report), *_contradictions(report)):
         console.print(warning)
     for path in _pictures(report, survived(after), before) if pictures else ():
         console.print(f"wrote {path}")
@@ -83,14 +83,25 @@ def against_untrained(trained: float, untrained: float | None) -> dict[str, Any]
     return {"validation_mse_before_training": untrained, "better_than_untrained": better}
 
 
-def _warning(report: Report) -> str | None:
+def _warning(report: Report) -> list[str]:
     """One line where the training made nothing better."""
     if report.notes.get("better_than_untrained") is not False:
-        return None
+        return []
     before, after = report.notes["validation_mse_before_training"], report.notes["validation_mse"]
     if report.notes.get("init") is not None:
-        return f"warning: training made nothing better than the {before:.2e} m² of the law it began with, which is kept"
-    return f"warning: training made nothing better: the checks give {after:.2e} m² after it, {before:.2e} m² before"
+        return [
+            f"warning: training made nothing better than the {before:.2e} m² of the law it began with, which is kept"
+        ]
+    return [f"warning: training made nothing better: the checks give {after:.2e} m² after it, {before:.2e} m² before"]
+
+
+def _contradictions(report: Report) -> list[str]:
+    """One line a scene that does not fit to the others."""
+    return [
+        f"warning: scene '{name}' is explained {ratio:.0f} times worse than the median scene (relative squared error): "
+        "are its parameters, units and walls right? training.loss=robust learns from the others"
+        for name, ratio in report.notes.get("contradicting_scenes", {}).items()
+    ]
 
 
 def _after(report: Report, console: Console) -> Outcomes:

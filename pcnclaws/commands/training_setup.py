@@ -78,6 +78,7 @@ def loop_from(config: TrainConfig) -> Loop:
         project=config.logger.project,
         patience=patience,
         min_delta=float(early.min_delta or 0.0),
+        average=_number_or_none(config.training.average),
         pictures=config.picture,
     )
 

@@ -151,6 +151,7 @@ class Training:
     noise: Number | None = None
     method: str = "adam"
     init: Unchecked = None
+    average: Unchecked = None
 
 
 @dataclass(frozen=True)

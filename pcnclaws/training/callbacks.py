@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from lightning.pytorch import LightningModule, Trainer
@@ -11,6 +11,7 @@ from lightning.pytorch.callbacks import Callback, Checkpoint
 from torch import Tensor, nn
 
 from pcnclaws.training.checkpoints import LAST
+from pcnclaws.training.watched import WatchedModule
 from pcnclaws.training.weights import model_weights
 
 
@@ -35,7 +36,7 @@ class History(Callback):
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         self.loss += torch.stack(self._epoch).view(-1, trainer.accumulate_grad_batches).mean(1).tolist()
         self.check_iteration.append(trainer.global_step)
-        self.check_mse.append(float(trainer.callback_metrics["validation_mse"]))
+        self.check_mse.append(cast(WatchedModule, pl_module).check.mse)
 
     def state_dict(self) -> dict[str, Any]:
         return {"loss": self.loss, "check_iteration": self.check_iteration, "check_mse": self.check_mse}
@@ -46,29 +47,37 @@ class History(Callback):
 
 
 class BestWeights(Callback):
-    """Remembers the weights of the check with the smallest error.
+    """Remembers the weights of the check with the smallest error, or of a later one that is as good.
 
-    keep  called with itself whenever a check is better than those before it
+    keep       called with itself whenever it takes new weights
+    tolerance  a later check is as good up to so many times the smallest error: averaged weights grow better to the end,
+               and the error of two scenes, which scatters by such factors, must not choose among them
     """
 
-    def __init__(self, model: nn.Module, keep: Callable[["BestWeights"], None] | None = None) -> None:
-        self.model, self.keep = model, keep
-        self.mse, self.iteration = math.inf, 0
+    def __init__(
+        self, model: nn.Module, keep: Callable[["BestWeights"], None] | None = None, tolerance: float = 1.0
+    ) -> None:
+        self.model, self.keep, self.tolerance = model, keep, tolerance
+        self.mse = self.smallest = math.inf
+        self.iteration = 0
         self.weights: dict[str, Tensor] = {}
 
-    def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        mse = float(trainer.callback_metrics["validation_mse"])
-        if mse < self.mse:
+    def on_validation_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        # not at the end of the validation, when weights that were averaged for it are gone again
+        mse = cast(WatchedModule, pl_module).check.mse
+        if mse < self.tolerance * self.smallest:
             self.mse, self.iteration = mse, trainer.global_step
+            self.smallest = min(mse, self.smallest)
             self.weights = model_weights(self.model)
             if self.keep is not None:
                 self.keep(self)
 
     def state_dict(self) -> dict[str, Any]:
-        return {"mse": self.mse, "iteration": self.iteration, "weights": self.weights}
+        return {"mse": self.mse, "smallest": self.smallest, "iteration": self.iteration, "weights": self.weights}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         self.mse, self.iteration = state_dict["mse"], state_dict["iteration"]
+        self.smallest = state_dict.get("smallest", self.mse)
         self.weights = state_dict["weights"]
 
 

@@ -51,6 +51,7 @@ class Loop:
     project    of Weights & Biases
     patience   validations without a better one after which a training ends, None for never
     min_delta  by how much one must be better [m^2]
+    average    power of AveragedWeights, None for the weights as they are
     pictures   whether TensorBoard is given pictures and point clouds of the validation scenes
     raises     UserError
     """
@@ -61,6 +62,7 @@ class Loop:
     project: str | None = None
     patience: int | None = None
     min_delta: float = 0.0
+    average: float | None = None
     pictures: bool = True
 
     def __post_init__(self) -> None:

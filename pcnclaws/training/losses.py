@@ -25,12 +25,12 @@ def position_loss(predicted: Positions, target: Positions) -> Float[Tensor, ""]:
     return squared.sum() / observed.sum().clamp_min(1)
 
 
-def relative_position_loss(
+def relative_errors(
     predicted: Positions, target: Positions, unstressed: Positions, segments: SceneIndex, count: int
-) -> Float[Tensor, ""]:
-    """Mean over segments of their squared position error, relative to how far stress moved them [-].
+) -> Float[Tensor, " segments"]:
+    """Squared position error of each segment, relative to how far stress moved it [-].
 
-        1/segments sum_s |x - x_true|^2_s / (|x_free - x_true|^2_s + NEGLIGIBLE)
+        |x - x_true|^2_s / (|x_free - x_true|^2_s + NEGLIGIBLE)
 
     A segment of an impact moves a thousand times as far as one of a body coming to rest: in square metres the first
     decides alone, here each says as much about the law. NaN in the target is treated as by position_loss.
@@ -41,7 +41,7 @@ def relative_position_loss(
     """
     error, _ = _squared_error(predicted, target)
     observations, scale = relative_scales(target, unstressed, segments, count)
-    return (_of_segments(error, segments, count) / observations / scale).mean()
+    return _of_segments(error, segments, count) / observations / scale
 
 
 def relative_scales(

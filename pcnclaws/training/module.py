@@ -24,13 +24,15 @@ from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.rollout import differentiable_rollout
 from pcnclaws.simulation.scenes import start_of
 from pcnclaws.simulation.simulator import Simulator, simulator_of
-from pcnclaws.training.losses import position_loss, relative_position_loss, unstressed_positions
+from pcnclaws.training.losses import position_loss, relative_errors, unstressed_positions
+from pcnclaws.training.processes import gathered
+from pcnclaws.training.scene_errors import SceneErrors
 from pcnclaws.training.schedule import cosine_schedule, lengthen
 from pcnclaws.training.watched import WatchedModule
 
 # The optimiser sees the loss times this, meant to keep gradients above its epsilon of 1e-8: squared metres are tiny
 # numbers, relative errors small ones.
-LOSS_SCALE = {"relative": 1e4, "absolute": 1e8}
+LOSS_SCALE = {"relative": 1e4, "robust": 1e4, "absolute": 1e8}
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,8 @@ class OptimiserSettings:
     final_learning_rate    at the last one
     gradient_clip          largest norm of the gradient of the scaled loss; None clips nothing
     recompute              save memory by computing each step twice; None decides by the size of the batch
-    loss                   'relative': relative_position_loss; 'absolute': position_loss, the paper's
+    loss                   'relative': mean of relative_errors; 'robust': the same, scenes that contradict the others
+                           counting less (SceneErrors); 'absolute': position_loss, the paper's
     loss_scale             what the loss is multiplied with; None is LOSS_SCALE
     step_back              see WatchedModule
     plastic_learning_rate  of the plastic law, whose gradient is then clipped by itself; None is that of the elastic one
@@ -102,6 +105,7 @@ class ConstitutiveModule(WatchedModule):
         self.laws, self.skips = laws, skips or Skips()
         self.simulators = nn.ModuleList(simulator_of(laws, setting, self.skips) for setting in settings)
         self.settings, self.iterations = optimiser, iterations
+        self.scene_errors = SceneErrors()
 
     @property
     def model(self) -> LawSimulator:
@@ -136,8 +140,14 @@ class ConstitutiveModule(WatchedModule):
         time_step = simulator.integrator.settings.time_step
         state, scenes = batch.start.state, batch.start.scenes
         unstressed = unstressed_positions(state, scenes, time_step, times)
-        segments = scenes.scene_index, scenes.scene_count
-        return relative_position_loss(predicted, batch.target, unstressed, *segments) * batch.share.segments
+        segments, names = (scenes.scene_index, scenes.scene_count), batch.start.names
+        errors = relative_errors(predicted, batch.target, unstressed, *segments)
+        weights = self.scene_errors.weights(names) if self.settings.loss == "robust" else None
+        told = list(zip(names, errors.tolist(), strict=True)) if batch.share.segments else []
+        for name, error in gathered(told, self.trainer.world_size):
+            self.scene_errors.note([name], [error])
+        loss = errors.mean() if weights is None else (errors.new_tensor(weights) * errors).mean()
+        return loss * batch.share.segments
 
     @property
     def networks(self) -> Mapping[str, nn.Module]:
@@ -160,6 +170,17 @@ class ConstitutiveModule(WatchedModule):
         optimiser = torch.optim.Adam(self._parameter_groups(), lr=self.settings.learning_rate)
         schedule = cosine_schedule(optimiser, self.iterations, self.settings.final_learning_rate)
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+    def contradicting(self) -> dict[str, float]:
+        return self.scene_errors.contradicting()
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        super().on_save_checkpoint(checkpoint)
+        checkpoint["scene_errors"] = self.scene_errors.state_dict()
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        super().on_load_checkpoint(checkpoint)
+        self.scene_errors.load_state_dict(checkpoint.get("scene_errors", {}))
 
     def on_train_start(self) -> None:
         """A run that goes on for longer follows the schedule of its whole length."""

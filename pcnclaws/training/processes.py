@@ -6,15 +6,16 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 
 from pcnclaws.errors import JobsLost
 
+Thing = TypeVar("Thing")
 # Seconds for the others to end after the last step, before they are killed.
 PATIENCE = 20.0
 # Seconds in which one that has gone is known to have.
@@ -80,6 +81,16 @@ def beside(count: int, target: Callable[..., object], *arguments: Any) -> Iterat
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
+
+
+def gathered(own: Sequence[Thing], count: int) -> list[Thing]:
+    """What all of `count` processes have, where each has every count-th thing: in the order of one process."""
+    if count == 1:
+        return list(own)
+    shares: list[Sequence[Thing]] = [()] * count
+    torch.distributed.all_gather_object(shares, own)
+    longest = max(map(len, shares))
+    return [share[place] for place in range(longest) for share in shares if place < len(share)]
 
 
 def _run(rank: int, environment: dict[str, str], target: Callable[..., object], arguments: tuple[Any, ...]) -> None:

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from pcnclaws.data.datamodule import CheckedDataModule
 from pcnclaws.errors import Interrupted, SimulationDiverged, is_full
+from pcnclaws.training.averaging import AveragedWeights
 from pcnclaws.training.budget import WallClock
 from pcnclaws.training.callbacks import BestWeights, CheckpointEachCheck, History
 from pcnclaws.training.checkpoints import LAST, AtomicCheckpointIO, Resumption, newest_checkpoint
@@ -23,6 +24,8 @@ from pcnclaws.training.weights import model_weights
 log = logging.getLogger(__name__)
 
 DEFAULT_LOOP = Loop()
+# By which factor the error of a check scatters from one to the next, where weights are averaged.
+AS_GOOD = 4.0
 
 
 @dataclass(frozen=True)
@@ -63,9 +66,11 @@ def fit(
     if data.iterations == 0:
         return _untrained(module, data)
     console = console or Console()
-    history, best = History(), BestWeights(module.model, keep)
+    averaged = [] if loop.average is None else [AveragedWeights(loop.average)]
+    history, best = History(), BestWeights(module.model, keep, AS_GOOD if averaged and to_beat is None else 1.0)
     if to_beat is not None:
-        best.mse, best.weights = to_beat, model_weights(module.model)
+        best.mse = best.smallest = to_beat
+        best.weights = model_weights(module.model)
     checkpoints = folder / "checkpoints"
     checkpoint = newest_checkpoint(checkpoints)
     resumption = Resumption(checkpoint)
@@ -84,7 +89,8 @@ def fit(
         callbacks=[
             resumption,
             history,
-            best,
+            best,  # before the averages, which it sees only until they are gone
+            *averaged,
             clock,
             *loop.made_callbacks(),
             CheckpointEachCheck(checkpoints),

@@ -15,6 +15,7 @@ from pcnclaws.metrics import Positions
 from pcnclaws.simulation.motion import SceneSimulator
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.training.checks import Check
+from pcnclaws.training.processes import gathered
 
 log = logging.getLogger(__name__)
 
@@ -48,6 +49,10 @@ class WatchedModule(LightningModule, ABC):
         """The parts of the model whose gradients are watched one by one, by name."""
         return {}
 
+    def contradicting(self) -> dict[str, float]:
+        """Training scenes that are explained worse than the others by far, and how many times; none where unknown."""
+        return {}
+
     @abstractmethod
     def predicted(self, records: Sequence[SceneRecord]) -> list[Positions]:
         """Whole rollouts of recorded scenes at the frames of each; SimulationDiverged if one diverges."""
@@ -66,11 +71,8 @@ class WatchedModule(LightningModule, ABC):
         if count == 1:
             return self.checked(records)
         own = records[self.global_rank :: count]
-        shares: list[tuple[Positions, ...]] = [()] * count
-        torch.distributed.all_gather_object(shares, self.checked(own).predicted if own else ())
-        if sum(map(len, shares)) < len(records):  # one has diverged
-            return Check(tuple(records), ())
-        return Check(tuple(records), tuple(shares[i % count][i // count] for i in range(len(records))))
+        predicted = gathered(self.checked(own).predicted if own else (), count)
+        return Check(tuple(records), tuple(predicted) if len(predicted) == len(records) else ())  # one has diverged
 
     def validation_step(self, batch: list[SceneRecord], batch_idx: int) -> None:
         self.check = self._check_of_all(batch)

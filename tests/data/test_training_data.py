@@ -16,7 +16,7 @@ from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.rollout import differentiable_rollout
 from pcnclaws.simulation.simulator import Simulator
-from pcnclaws.training.losses import NEGLIGIBLE, position_loss, relative_position_loss, unstressed_positions
+from pcnclaws.training.losses import NEGLIGIBLE, position_loss, relative_errors, unstressed_positions
 
 
 @pytest.fixture(scope="module")
@@ -112,18 +112,18 @@ def test_the_relative_loss_weighs_each_segment_by_its_motion() -> None:
     unstressed = torch.full((2, 3, 3), 0.1)
     unstressed[:, :, 2] = 10.0
     predicted = torch.full((2, 3, 3), 0.01, requires_grad=True)
-    loss = relative_position_loss(predicted, target, unstressed, segments, 2)
+    loss = relative_errors(predicted, target, unstressed, segments, 2).mean()
     assert float(loss.detach()) == pytest.approx(0.5 * (1e-4 / (1e-2 + NEGLIGIBLE) + 1e-4 / (100.0 + NEGLIGIBLE)))
 
     target[:, :, 1] = float("nan")
     unstressed[:, :, 1] = 5.0
-    masked = relative_position_loss(predicted, target, unstressed, segments, 2)
+    masked = relative_errors(predicted, target, unstressed, segments, 2).mean()
     masked.backward()
     assert float(masked.detach()) == pytest.approx(float(loss.detach())), "an unobserved particle counts for nothing"
     assert predicted.grad is not None
     assert torch.isfinite(predicted.grad).all()
     assert bool((predicted.grad[:, :, 1] == 0.0).all())
-    still = relative_position_loss(predicted, torch.full((2, 3, 3), float("nan")), unstressed, segments, 2)
+    still = relative_errors(predicted, torch.full((2, 3, 3), float("nan")), unstressed, segments, 2).mean()
     assert float(still.detach()) == 0.0
 
 

@@ -204,6 +204,19 @@ def test_tensorboard_is_shown_each_scene_and_law(records: list[SceneRecord], tmp
     assert tags["images"] == tags["tensors"] == []
 
 
+def test_a_run_checks_and_keeps_the_average(records: list[SceneRecord], tmp_path: Path) -> None:
+    law = Scaled(0.7)
+    fitted = trained(MultiSceneModule, Laws(law, None), records, tmp_path / "a", loop=Loop(average=0.0))
+    plain = Scaled(0.7)
+    trained(MultiSceneModule, Laws(plain, None), records, tmp_path / "b", loop=Loop())
+    (kept,) = (float(weight) for weight in fitted.best.weights.values())
+    last = float(plain.factor.detach())
+    assert 0.7 < kept < last, "the mean of a weight that grows is behind it"
+    assert float(law.factor.detach()) == pytest.approx(kept) or fitted.best.iteration < 4
+    module = MultiSceneModule(Laws(Scaled(kept), None), [records[0].settings], OptimiserSettings(), 1)
+    assert module.checked(records[:1]).mse == pytest.approx(fitted.best.mse, rel=1e-4)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

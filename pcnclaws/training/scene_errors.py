@@ -1,0 +1,53 @@
+"""How well each training scene is explained: which ones contradict the others, and what they are worth then."""
+
+import math
+from collections.abc import Mapping, Sequence
+from statistics import median
+from typing import Any
+
+# Of the running mean of a scene's logarithmic errors, what stays when a new one comes.
+MEMORY = 0.8
+# A scene whose error is this many times that of the median scene counts half in the robust loss.
+HALF = 10.0
+# A scene that is explained so many times worse than the median one contradicts the others.
+CONTRADICTS = 100.0
+# Fewest scenes of which one can be said to be unlike the others.
+FEWEST = 4
+
+
+class SceneErrors:
+    """Running means of the relative squared errors of the training scenes, by name.
+
+    Logarithmic: the segments of a scene differ by powers of ten, and a law that learns leaves its old errors behind.
+    """
+
+    def __init__(self) -> None:
+        self._logarithm: dict[str, float] = {}
+
+    def note(self, names: Sequence[str], errors: Sequence[float]) -> None:
+        """Takes the errors of a batch; those that are zero or not finite say nothing."""
+        for name, error in zip(names, errors, strict=True):
+            if math.isfinite(error) and error > 0.0:
+                before = self._logarithm.get(name, math.log(error))
+                self._logarithm[name] = MEMORY * before + (1.0 - MEMORY) * math.log(error)
+
+    def ratio(self, name: str) -> float:
+        """Error of a scene over that of the median scene; 1 where nothing is known of it."""
+        if len(self._logarithm) < FEWEST or name not in self._logarithm:
+            return 1.0
+        return math.exp(min(self._logarithm[name] - median(self._logarithm.values()), 300.0))
+
+    def weights(self, names: Sequence[str]) -> list[float]:
+        """What the scenes count in the robust loss, 1/(1 + (ratio/HALF)^2): hardly less than 1 where they agree."""
+        return [1.0 / (1.0 + (self.ratio(name) / HALF) ** 2) for name in names]
+
+    def contradicting(self) -> dict[str, float]:
+        """The scenes that are explained worse than the others by more than CONTRADICTS, and how many times."""
+        ratios = {name: self.ratio(name) for name in sorted(self._logarithm)}
+        return {name: ratio for name, ratio in ratios.items() if ratio > CONTRADICTS}
+
+    def state_dict(self) -> dict[str, Any]:
+        return dict(self._logarithm)
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self._logarithm = {str(name): float(value) for name, value in state.items()}
