@@ -144,8 +144,8 @@ class ConstitutiveModule(WatchedModule):
         errors = relative_errors(predicted, batch.target, unstressed, *segments)
         weights = self.scene_errors.weights(names) if self.settings.loss == "robust" else None
         told = list(zip(names, errors.tolist(), strict=True)) if batch.share.segments else []
-        for name, error in gathered(told, self.trainer.world_size):
-            self.scene_errors.note([name], [error])
+        for name, of_scene in gathered(told, self.trainer.world_size):
+            self.scene_errors.note([name], [of_scene])
         loss = errors.mean() if weights is None else (errors.new_tensor(weights) * errors).mean()
         return loss * batch.share.segments
 
