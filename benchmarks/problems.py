@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from rich.table import Table
 
 from benchmarks import (
+    data_parallel,
     fine_tuning,
     fuzzing,
     kills,
@@ -41,6 +42,7 @@ class Problem(NamedTuple):
 
 
 PROBLEMS = {
+    "data_parallel": Problem(data_parallel.run, data_parallel.draw, data_parallel.tables),
     "fine_tuning": Problem(fine_tuning.run, fine_tuning.draw, fine_tuning.tables),
     "fuzzing": Problem(fuzzing.run, fuzzing.draw, fuzzing.tables),
     "kills": Problem(kills.run, kills.draw, kills.tables),

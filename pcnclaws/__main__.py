@@ -9,6 +9,7 @@ from pcnclaws.calibrate import calibrate
 from pcnclaws.commands import launcher
 from pcnclaws.commands.completion import SCRIPTS, candidates
 from pcnclaws.commands.help import overview
+from pcnclaws.commands.jobs import WRONG_INPUT, Task
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.estimate import estimate
 from pcnclaws.evaluate import evaluate
@@ -19,7 +20,7 @@ from pcnclaws.render import render
 from pcnclaws.simulate import simulate
 from pcnclaws.train import train
 
-TASKS: Mapping[str, launcher.Task] = {
+TASKS: Mapping[str, Task] = {
     "generate": generate,
     "train": train,
     "simulate": simulate,
@@ -42,7 +43,7 @@ def run(arguments: Sequence[str]) -> int:
         launcher.say(_answer(name, rest))
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
-        return launcher.WRONG_INPUT
+        return WRONG_INPUT
     return 0
 
 

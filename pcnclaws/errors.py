@@ -22,6 +22,10 @@ class CannotWrite(RuntimeError):
     """There is no room for a file. The message is one line: the file and what the system says. Exit status 1."""
 
 
+class JobsLost(RuntimeError):
+    """Processes of a sweep ended before their jobs did. The message is one line. Exit status 1."""
+
+
 class Interrupted(BaseException):
     """The process was told to end by a signal. Exit status 1 for SIGINT (Ctrl-C), 143 for SIGTERM.
 

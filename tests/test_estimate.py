@@ -89,6 +89,27 @@ def test_gradient_descent_halves_a_step_into_divergence(estimated, tmp_path: Pat
     assert 7e4 < history[1]["values"][0] < 1.5e7
 
 
+@pytest.mark.slow
+def test_a_sweep_again_estimates_what_is_missing_or_has_changed(in_process, record, tmp_path: Path) -> None:
+    write_scenes(tmp_path / "x.h5", [record])
+    options = ("material=elasticity", "law=analytic", "observation.file=x.h5", "screening=0", "picture=false")
+    options += ("trajectory=false", "initial_guess.youngs_modulus=4e4,9e4", "output=e_${initial_guess.youngs_modulus}")
+
+    def swept(*more: str) -> tuple[int, str]:
+        outcome = in_process(estimate, "estimate", "--multirun", *options, *more)
+        assert outcome.status == 0, outcome.err
+        return outcome.out.count("holds this estimate, finished"), outcome.out[outcome.out.index("sweep of 2 jobs") :]
+
+    finished, table = swept()
+    assert finished == 0
+    assert swept() == (2, table)
+    (tmp_path / "e_40000.0").unlink()
+    assert swept() == (1, table)
+    assert swept("overwrite=true")[0] == swept("initial_guess.poissons_ratio=0.2")[0] == 0
+    write_scenes(tmp_path / "x.h5", [record])  # another recording, for all that is known
+    assert swept("initial_guess.poissons_ratio=0.2")[0] == 0
+
+
 def test_an_interrupted_search_goes_on_where_it_was(estimated, tmp_path: Path, monkeypatch) -> None:
     guess = ["initial_guess.youngs_modulus=4e4", "screening=0", "picture=false"]
     assert estimated(*guess, "output=whole.json").status == 0

@@ -224,7 +224,6 @@ def test_wrong_input_is_one_line_and_leaves_nothing(
         ((file, "trainer.accumulate_grad_batch=2"), "did you mean 'accumulate_grad_batches'"),
         ((file, "trainer.max_epochs=3"), "trainer.max_epochs is not accepted; accepted: training.iterations"),
         ((file, "trainer.precision=7"), "trainer.precision=7: "),
-        ((file, "trainer.devices=2"), "trainer.devices=2 trains in 2 processes; accepted: one device"),
         ((file, "trainer.limit_val_batches=nan"), "accepted: finite numbers"),
         ((file, "callbacks.early_stopping.patience=0"), "callbacks.early_stopping.patience=0 is not accepted"),
         ((file, "logger=tensorbord"), "did you mean 'tensorboard'"),

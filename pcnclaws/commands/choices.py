@@ -37,6 +37,21 @@ def offer_choices(overrides: Sequence[str] = ()) -> None:
         store.store(name, {"name": name, "width": network.width}, "model")
 
 
+def import_plugins(modules: Sequence[str]) -> None:
+    """Imports modules of the user; UserError for one that cannot be imported."""
+    for module in modules:
+        try:
+            importlib.import_module(module)
+        except ImportError as error:
+            raise UserError(
+                f"plugins={module} cannot be imported ({error}); accepted: modules that Python finds from here"
+            ) from error
+        except UserError:
+            raise
+        except Exception as error:  # whatever their code raises
+            raise UserError(f"plugins={module} fails: {type(error).__name__}: {error}") from error
+
+
 def choices_of(group: str) -> list[str]:
     """The choices of a group that objects make."""
     return [file.removesuffix(".yaml") for file in ConfigStore.instance().repo.get(group, {})]
@@ -49,14 +64,4 @@ def _import_plugins(overrides: Sequence[str]) -> None:
         modules = override.value()
         if not isinstance(modules, list) or not all(isinstance(module, str) for module in modules):
             raise UserError(f"plugins={modules} is not accepted; accepted: a list of modules, such as [my_material]")
-        for module in modules:
-            try:
-                importlib.import_module(module)
-            except ImportError as error:
-                raise UserError(
-                    f"plugins={module} cannot be imported ({error}); accepted: modules that Python finds from here"
-                ) from error
-            except UserError:
-                raise
-            except Exception as error:  # whatever their code raises
-                raise UserError(f"plugins={module} fails: {type(error).__name__}: {error}") from error
+        import_plugins(modules)

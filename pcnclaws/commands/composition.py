@@ -17,6 +17,7 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -109,6 +110,8 @@ def explain(entry: str, overrides: Sequence[str], error: Exception) -> UserError
             f"'{error.override}' cannot be read; accepted: option=value, a value with special characters in quotes"
         )
     if match := re.search(r"Could not override '([^'@]+)'", str(error)):
+        if match[1].startswith("hydra."):
+            return UserError(f"option='{match[1]}' is not known; accepted: what --cfg hydra lists")
         return unknown_option(match[1], _defaults_without(match[1], entry, overrides))
     where = error.full_key if isinstance(error, OmegaConfBaseException) and error.full_key else " ".join(overrides)
     text = str(error).partition("full_key")[0]
@@ -126,6 +129,11 @@ def register_resolvers(names: FolderNames | None = None) -> None:
 def task_overrides() -> list[str]:
     """The overrides of the running job, as they were written: their interpolations belong to another configuration."""
     return cast(list[str], OmegaConf.to_container(HydraConfig.get().overrides.task, resolve=False))
+
+
+def is_of_sweep() -> bool:
+    """Whether the running job is one of a sweep."""
+    return HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN
 
 
 def stated_options(group: str) -> list[str]:

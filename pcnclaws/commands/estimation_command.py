@@ -6,16 +6,17 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import yaml
 from rich.console import Console
 
-from pcnclaws.atomic import replaced_file
+from pcnclaws.commands.composition import is_of_sweep
 from pcnclaws.commands.configuration import (
     execution_from,
     use_processor,
 )
+from pcnclaws.commands.estimation_folder import finished_search, search_folder, started_search
 from pcnclaws.commands.estimation_report import (
     Findings,
     leave_estimation_pictures,
@@ -26,9 +27,7 @@ from pcnclaws.commands.estimation_report import (
 from pcnclaws.commands.estimation_setup import estimator_from, guess_from, noise_from, start_from_guess, unknowns_from
 from pcnclaws.commands.observation_setup import observation_from
 from pcnclaws.commands.outputs import RESULT, output_file, scene_files
-from pcnclaws.commands.plain_yaml import read_plain_yaml
 from pcnclaws.commands.runs import law_folder, laws_for, load_run
-from pcnclaws.commands.typed import plain
 from pcnclaws.commands.typed_configs import EstimateConfig
 from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.locks import written_alone
@@ -56,8 +55,6 @@ from pcnclaws.training.trainer import quiet_lightning
 log = logging.getLogger(__name__)
 
 PLAIN_WIDTH = 120
-# Options that do not change what a search does: an interrupted one goes on under others.
-FREE_OPTIONS = ("output", "overwrite", "picture", "trajectory", "threads", "paths")
 
 
 def estimate(config: EstimateConfig) -> Mapping[str, float | None]:
@@ -68,7 +65,10 @@ def estimate(config: EstimateConfig) -> Mapping[str, float | None]:
     output = output_file(
         config.output, scene_files(config.scene) | {"observation.file": config.observation.file}, *RESULT
     )
-    with written_alone(_search_folder(output), f"output={output}"):
+    with written_alone(search_folder(output), f"output={output}"):
+        if is_of_sweep() and (found := finished_search(config, output)) is not None:
+            print(f"{output} holds this estimate, finished; overwrite=true makes it anew")
+            return _numbers(found)
         return _estimate(config, output)
 
 
@@ -90,7 +90,7 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     guess = guess_from(config, material, problem)
     warn_of_sparse_particles([problem.start(guess)])
     module = InverseModule(problem, start_from_guess(config, problem, guess, console), estimator)
-    folder = _started_search(config, output)
+    folder = started_search(config, output)
     fit_inverse(module, folder, console)
     found = uncertainty(module.linearisation(), unknowns, module.u, law_error, noise)
     fit = fit_of(problem, module.u, found, noise)
@@ -122,40 +122,14 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     log_intervals(folder, found.estimates, module.iterations, fit.has_intervals)
     shutil.rmtree(folder / "checkpoints", ignore_errors=True)
     console.print(f"wrote {output}: MSE {mse:.2e} m^2 in {values['seconds']:g} s")
-    found_values = {name: one["estimate"] for name, one in values["parameters"].items()}
-    over_scatter = fit.residual / fit.scatter.size if fit.scatter and fit.scatter.size else None
-    return {**found_values, "MSE [m^2]": mse, "residual / scatter": over_scatter}
+    return _numbers(values)
 
 
-def _search_folder(output: Path) -> Path:
-    """Where an interrupted search is kept, beside the output."""
-    folder = output.with_suffix("") if output.suffix else output.with_name(f"{output.name}_search")
-    if folder.exists() and not folder.is_dir():
-        raise UserError(f"output={output}: {folder} is a file, and the search needs a folder of that name")
-    return folder
-
-
-def _started_search(config: EstimateConfig, output: Path) -> Path:
-    """The folder of the search, which goes on with an interrupted one of the same options alone."""
-    folder = _search_folder(output)
-    asked = {key: value for key, value in plain(config).items() if key not in FREE_OPTIONS}
-    noted = folder / "search.yaml"
-    same = noted.is_file() and _noted_options(noted) == asked
-    if config.overwrite or not same:
-        for name in ("checkpoints", "tensorboard"):
-            shutil.rmtree(folder / name, ignore_errors=True)
-    with replaced_file(noted) as part:
-        part.write(yaml.safe_dump(asked, encoding="utf-8"))
-    return folder
-
-
-def _noted_options(noted: Path) -> object:
-    """The options of an interrupted search; None where the file is damaged, which one line says."""
-    try:
-        return read_plain_yaml(noted)
-    except UserError as fault:
-        log.warning("%s: the search begins anew", fault)
-        return None
+def _numbers(values: Mapping[str, Any]) -> Mapping[str, float | None]:
+    """What a sweep shows of a result."""
+    found = {name: one["estimate"] for name, one in values["parameters"].items()}
+    residual, scatter = values["fit"]["residual"], values["fit"]["scatter"]
+    return {**found, "MSE [m^2]": values["mse"], "residual / scatter": residual / scatter if scatter else None}
 
 
 def _outside(config: EstimateConfig, material: Material, unknowns: Unknowns, module: InverseModule) -> list[str]:

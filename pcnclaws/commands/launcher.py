@@ -12,46 +12,33 @@ import io
 import os
 import signal
 import sys
-import tempfile
 import threading
-import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import hydra
 from hydra._internal.utils import get_args_parser
-from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.types import RunMode
-from omegaconf import DictConfig
-from rich.console import Console
 
-from pcnclaws import guards
 from pcnclaws.commands.choices import offer_choices
 from pcnclaws.commands.composition import (
     CONFIG_ERRORS,
     HYDRA_VERSION_BASE,
     as_hydra_reads_them,
-    checked,
     conf_folder,
     explain,
     register_resolvers,
-    task_overrides,
 )
 from pcnclaws.commands.folder_names import swept_options
 from pcnclaws.commands.help import help_text
+from pcnclaws.commands.jobs import FAILED, Jobs, Task
+from pcnclaws.commands.launchers import check_launcher, lost_jobs, quoted, sweep_folder
 from pcnclaws.commands.signals import signals_end_it
-from pcnclaws.commands.sweeps import Job, sweep_table
-from pcnclaws.commands.typed_configs import Command
-from pcnclaws.errors import CannotWrite, Interrupted, SimulationDiverged, UserError, is_full, reason
+from pcnclaws.errors import Interrupted, UserError, is_full
 
-HELP = {"--help", "-h"}
-FAILED, WRONG_INPUT, TERMINATED = 1, 2, 128 + signal.SIGTERM
-# Width of the table of a sweep where the output is not a terminal: folders are long.
-PLAIN_WIDTH = 160
-# What a command does with its typed configuration; it may return numbers that a sweep shows of it, by name and unit.
-Task = Callable[[Any], Mapping[str, float | None] | None]
+HELP, MULTIRUN = {"--help", "-h"}, {"--multirun", "-m"}
+TERMINATED = 128 + signal.SIGTERM
 
 
 def main(task: Task, entry: str) -> NoReturn:
@@ -86,7 +73,7 @@ def say(text: str) -> None:
         _listen_no_more()
 
 
-def _run(jobs: "Jobs", arguments: Sequence[str]) -> None:
+def _run(jobs: Jobs, arguments: Sequence[str]) -> None:
     try:
         flags, overrides = _split(arguments)
         jobs.overrides = overrides = as_hydra_reads_them(overrides)
@@ -95,8 +82,13 @@ def _run(jobs: "Jobs", arguments: Sequence[str]) -> None:
             print(help_text(jobs.entry, jobs.task.__doc__, overrides))
             return
         jobs.swept = swept_options(overrides)
-        with tempfile.TemporaryDirectory() as sweep_folder:
-            _launch(jobs, flags, [*overrides, f"hydra.sweep.dir={sweep_folder}"])
+        check_launcher(overrides, multirun=not MULTIRUN.isdisjoint(flags))
+        with sweep_folder(jobs.entry, overrides) as jobs.folder:
+            try:
+                _launch(jobs, flags, [*overrides, f"hydra.sweep.dir={quoted(jobs.folder)}"])
+            except Exception as error:
+                jobs.record(lost_jobs(error))
+            jobs.gather()
     except BrokenPipeError:  # `| head` has read enough
         _listen_no_more()
     except (*CONFIG_ERRORS, ValueError) as error:  # Hydra raises ValueError, too, for what it cannot compose
@@ -105,7 +97,7 @@ def _run(jobs: "Jobs", arguments: Sequence[str]) -> None:
         jobs.record(error)
 
 
-def _flush(jobs: "Jobs") -> None:
+def _flush(jobs: Jobs) -> None:
     """Writes what was printed; a file that it goes to may be full."""
     try:
         sys.stdout.flush()
@@ -146,82 +138,15 @@ def _said(end: Interrupted | KeyboardInterrupt) -> int:
     return TERMINATED if isinstance(end, Interrupted) and end.number == signal.SIGTERM else FAILED
 
 
-class Jobs:
-    """The jobs of one command, and the worst of their exit statuses."""
-
-    def __init__(self, task: Task, entry: str) -> None:
-        self.task, self.entry = task, entry
-        self.overrides: list[str] = []
-        self.swept: list[str] = []
-        self.status = 0
-        self._outputs: set[str] = set()
-        self._recorded: list[Exception] = []
-        self._done: list[Job] = []
-
-    def run(self, config: DictConfig) -> None:
-        """One job, under Hydra."""
-        multirun = HydraConfig.get().mode == RunMode.MULTIRUN
-        overrides, output = task_overrides(), ""
-        try:
-            options = self._checked(config, overrides)
-            output = str(options.output)
-            guards.restart()
-            numbers = self.task(options) or {}
-            if words := guards.in_words():
-                print(f"guards: {words}", file=sys.stderr)
-            self._done.append(Job(overrides, 0, output, numbers))
-        except Exception as error:
-            status = self.record(error, f"job '{' '.join(overrides)}': " if multirun else "")
-            self._done.append(Job(overrides, status, output, {}))
-            if multirun:  # Hydra keeps the error until the other jobs have run
-                raise
-
-    def record(self, error: Exception, job: str = "") -> int:
-        """Prints the error, once, and keeps its exit status if it is the worst; returns its own."""
-        status = WRONG_INPUT if isinstance(error, UserError) else FAILED
-        if error in self._recorded:
-            return status
-        self._recorded.append(error)
-        self.status = max(self.status, status)
-        text = " ".join(str(error).split())
-        if isinstance(error, OSError) and is_full(error):
-            text = f"{error.filename or 'a file'} cannot be written ({reason(error)})"
-        elif not isinstance(error, (UserError, SimulationDiverged, CannotWrite)):
-            traceback.print_exception(error)
-            text = f"unexpected {type(error).__name__}: {text}"
-        print(f"error: {job}{text}", file=sys.stderr)
-        return status
-
-    def show(self) -> None:
-        """Prints the table of a sweep."""
-        if self.swept and self._done:
-            console = Console() if Console().is_terminal else Console(width=PLAIN_WIDTH)
-            console.print(sweep_table(self._done, self.swept))
-
-    def _checked(self, config: DictConfig, overrides: list[str]) -> Command:
-        try:
-            options = checked(self.entry, config, overrides, self.swept)
-        except CONFIG_ERRORS as error:
-            raise explain(self.entry, overrides, error) from error
-        output = os.path.realpath(str(options.output))
-        if output in self._outputs:
-            raise UserError(f"output={options.output} is shared with another job; accepted: one output for each job")
-        self._outputs.add(output)
-        return options
-
-
 def _launch(jobs: Jobs, flags: list[str], overrides: list[str]) -> None:
     """Hydra composes and runs, one job or a sweep of them; it keeps no folder of its own."""
     _refuse_shared_output(overrides)
-
-    def task(config: DictConfig) -> None:
-        jobs.run(config)
 
     decorate = hydra.main(version_base=HYDRA_VERSION_BASE, config_path=str(conf_folder()), config_name=jobs.entry)
     typed = sys.argv
     sys.argv = [jobs.entry, *flags, *overrides]  # Hydra takes its arguments from nowhere else
     try:
-        decorate(task)()
+        decorate(jobs.run)()
     finally:
         sys.argv = typed
 

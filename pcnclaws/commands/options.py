@@ -28,6 +28,9 @@ FREE_OPTIONS = (
     "data.folder",
     "simulation.backend",
     "simulation.skip",
+    "trainer.accelerator",
+    "trainer.devices",
+    "trainer.strategy",
 )
 # Groups whose names are those of a library, which refuses the others: see training/loop.py.
 OPEN_GROUPS = ("trainer.",)

@@ -19,12 +19,14 @@ class Job(NamedTuple):
     status     its exit status
     output     what its option `output` says
     numbers    what its command counts as its result, by name and unit
+    error      why it failed, in one line
     """
 
     overrides: Sequence[str]
     status: int
     output: str
     numbers: Mapping[str, float | None]
+    error: str = ""
 
 
 def sweep_table(jobs: Sequence[Job], swept: Sequence[str]) -> Table:

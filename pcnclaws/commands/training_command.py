@@ -4,41 +4,35 @@ import copy
 import math
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import torch
 from rich.console import Console
 
 from pcnclaws.baselines.identified import identified_values
+from pcnclaws.commands.choices import import_plugins
 from pcnclaws.commands.configuration import (
     device_from,
     execution_from,
-    precision_from,
     use_processor,
-    whole_number,
 )
-from pcnclaws.commands.data_sets import ready_data_set
-from pcnclaws.commands.initial_weights import beside_initial_data, initial_run, set_initial_weights, with_model_of
-from pcnclaws.commands.models import build_model
 from pcnclaws.commands.options import is_free, leaves
 from pcnclaws.commands.outputs import check_ending
 from pcnclaws.commands.runs import CHECKPOINTS, METRICS, WEIGHTS, goes_on, is_finished, run_errors, start_run
 from pcnclaws.commands.stress_training import train_on_stress
+from pcnclaws.commands.training_inputs import inputs_of, scenes_of
 from pcnclaws.commands.training_report import Report, against_untrained, write_report
-from pcnclaws.commands.training_setup import Setup, check_training, loop_from, regime_from, setup
-from pcnclaws.commands.training_start import settled_start
+from pcnclaws.commands.training_setup import Setup, check_training, loop_from, setup
 from pcnclaws.commands.typed import plain
 from pcnclaws.commands.typed_configs import TrainConfig
 from pcnclaws.data.locks import written_alone
-from pcnclaws.errors import UserError
-from pcnclaws.laws.materials import material_named
 from pcnclaws.provenance import commit
-from pcnclaws.simulation.motion import SceneSimulator
 from pcnclaws.training.callbacks import BestWeights
 from pcnclaws.training.checkpoints import check_interval, newest_checkpoint
 from pcnclaws.training.hyperparameters import log_hyperparameters
-from pcnclaws.training.sources import TrainingScenes, for_regime, generated_scenes, own_scenes
+from pcnclaws.training.processes import beside
+from pcnclaws.training.sources import TrainingScenes
 from pcnclaws.training.trainer import FitResult, fit, quiet_lightning
 from pcnclaws.training.weights import set_model_weights, write_weights
 
@@ -68,40 +62,38 @@ def _train(config: TrainConfig) -> None:
     folder = Path(config.output)
     check_ending("output", folder)
     check_training(config)
-    initial = initial_run(config, material_named(config.material.name))
-    config, model_notes = with_model_of(initial, config)
-    regime, model = regime_from(config), untrained_model(config)
-    if initial is not None:
-        set_initial_weights(model, initial)
-    own = None if config.data.trajectories is None else for_regime(_own_scenes(config), regime, config.regime.scene)
-    config, start_notes = settled_start(config, model, own and own.training)
+    inputs = inputs_of(config)
+    config, model, initial = inputs.config, inputs.model, inputs.initial
     options = plain(config)
     if not config.overwrite and is_finished(folder, options):
         console.print(f"{folder} holds this run, finished: see {folder / METRICS}; overwrite=true trains it anew")
         return
 
-    scenes = own or for_regime(_generated_scenes(config), regime, config.regime.scene)
-    if initial is not None:
-        scenes = beside_initial_data(scenes, initial)
+    scenes = scenes_of(inputs)
     more = not config.overwrite and goes_on(folder, options)
-    prepared = setup(config, model, scenes, _interval_before(folder) if more else None)
-    for note in (*scenes.notes, *model_notes, *start_notes, *prepared.notes):
+    interval = _interval_before(folder) if more else None
+    prepared = setup(config, model, scenes, interval)
+    for note in (*scenes.notes, *inputs.notes, *prepared.notes):
         console.print(note)
     if more:  # it is not finished until the longer run is
         (folder / METRICS).unlink(missing_ok=True)
     start_run(folder, options, config.overwrite)
     untrained, untrained_mse = copy.deepcopy(model), _check_before(config, prepared, console)
-    fitted = fit(
-        prepared.module,
-        prepared.data,
-        folder,
-        device_from(config.device),
-        loop_from(config),
-        console=console,
-        clock=prepared.clock,
-        to_beat=None if initial is None else untrained_mse,
-        keep=lambda best: _keep(config, scenes, folder, best),
-    )
+    loop = loop_from(config)
+    with beside(
+        loop.processes if config.training.iterations else 1, train_beside, replace(config, threads=None), interval
+    ):
+        fitted = fit(
+            prepared.module,
+            prepared.data,
+            folder,
+            device_from(config.device),
+            loop,
+            console=console,
+            clock=prepared.clock,
+            to_beat=None if initial is None else untrained_mse,
+            keep=lambda best: _keep(config, scenes, folder, best),
+        )
 
     notes = _notes(config, scenes, fitted)
     write_weights(folder / WEIGHTS, fitted.best.weights, notes)
@@ -125,27 +117,19 @@ def _train(config: TrainConfig) -> None:
         log_hyperparameters(folder, shown, run_errors(folder))
 
 
-def untrained_model(config: TrainConfig) -> SceneSimulator:
-    """The model of `material` and `model.*` as training with `seed` starts from it."""
-    torch.manual_seed(whole_number(config.seed, "seed", least=0))
-    untrained = build_model(material_named(config.material.name), config.model)
-    return untrained.to(device_from(config.device), precision_from(config.precision))
+def train_beside(config: TrainConfig, interval: int | None) -> None:
+    """The part of a training in a further process: its share of every batch and of every check, and no files.
 
-
-def _own_scenes(config: TrainConfig) -> TrainingScenes:
-    """The scenes of the user's own files."""
-    named = config.data.trajectories
-    paths = [named] if isinstance(named, str) else named
-    if not isinstance(paths, list) or not paths or not all(isinstance(path, str) for path in paths):
-        raise UserError(
-            f"data.trajectories={named} is not accepted; accepted: the path of a trajectory file, or a list of them"
-        )
-    return own_scenes([Path(path) for path in paths], material_named(config.material.name))
-
-
-def _generated_scenes(config: TrainConfig) -> TrainingScenes:
-    """The scenes of the generated data set, which is made if it is missing."""
-    return generated_scenes(ready_data_set(config), material_named(config.material.name))
+    config    as the first process has settled it
+    interval  iterations between the checks of a run that goes on for longer
+    """
+    quiet_lightning()
+    use_processor(config)
+    import_plugins(config.plugins)
+    inputs = inputs_of(config)
+    prepared = setup(inputs.config, inputs.model, scenes_of(inputs), interval)
+    folder, device = Path(config.output), device_from(config.device)
+    fit(prepared.module, prepared.data, folder, device, loop_from(config), clock=prepared.clock)
 
 
 def _check_before(config: TrainConfig, prepared: Setup, console: Console) -> float | None:

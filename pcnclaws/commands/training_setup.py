@@ -106,6 +106,8 @@ def _simulated(config: TrainConfig, laws: Laws, scenes: TrainingScenes, check_ev
     data.dataset.internal_variables = laws.internal_variables
     settings = data.dataset.settings
     regime = GaussNewtonModule if second_order else regime_from(config)
+    if second_order:
+        _check_alone(config, "training.method=gauss_newton")
     module = regime(laws, settings, _optimiser(config), plan.iterations, skips_from(config.simulation))
     return module, data, (*data.dataset.notes, _segments_in_words(data.dataset)) if plan.iterations else ()
 
@@ -114,12 +116,23 @@ def _one_step(
     config: TrainConfig, model: MotionModel, scenes: TrainingScenes, check_every: int, clock: WallClock
 ) -> Prepared:
     training = config.training
+    _check_alone(config, f"model={config.model['name']}")
     iterations, batch = training.iterations, whole_number(config.training.batch_segments, "training.batch_segments")
     windows = model.windows(scenes.training, iterations, batch, _noise(config), config.seed)
     data = CheckedDataModule(windows, iterations, scenes.validation, check_every)
     optimiser = _optimiser(config)
     module = OneStepModule(model, optimiser.learning_rate, optimiser.gradient_clip, iterations, clock)
     return module, data, ("trains on frames and the next ones: positions only",)
+
+
+def _check_alone(config: TrainConfig, option: str) -> None:
+    """Refuses several processes, and several batches an iteration, for a training that cannot be divided."""
+    if loop_from(config).processes > 1:
+        devices = config.trainer.get("devices")
+        raise UserError(f"trainer.devices={devices} is not accepted with {option}, which trains in one; accepted: 1")
+    batches = config.trainer.get("accumulate_grad_batches")
+    if batches not in (None, 1):
+        raise UserError(f"trainer.accumulate_grad_batches={batches} is not accepted with {option}; accepted: 1")
 
 
 def _segments_in_words(dataset: SegmentDataset) -> str:

@@ -32,8 +32,10 @@ class EpochSampler(Sampler[int]):
 class CheckedDataModule(LightningDataModule):
     """Batches for training; whole recorded scenes for the checks between.
 
-    An epoch is the `check_every` iterations from one check to the next.
-    dataset  batch i is its item i; its length is the number of iterations
+    An epoch is the `check_every` iterations from one check to the next. An iteration is one step of the optimiser,
+    after one batch, or after so many as Lightning accumulates gradients of.
+
+    dataset  batch i is its item i
     """
 
     def __init__(
@@ -55,7 +57,8 @@ class CheckedDataModule(LightningDataModule):
         return self.iterations // self.check_every
 
     def train_dataloader(self) -> DataLoader[Any]:
-        return DataLoader(self.dataset, batch_size=None, sampler=EpochSampler(self.check_every))
+        of_iteration = 1 if self.trainer is None else self.trainer.accumulate_grad_batches
+        return DataLoader(self.dataset, batch_size=None, sampler=EpochSampler(self.check_every * of_iteration))
 
     def val_dataloader(self) -> DataLoader[list[SceneRecord]]:
         """One batch: the list of all validation scenes."""
@@ -70,6 +73,13 @@ class TrajectoryDataModule(CheckedDataModule):
     """Batches of segments of recorded scenes."""
 
     dataset: SegmentDataset
+
+    def train_dataloader(self) -> DataLoader[Any]:
+        """Batches, of which each of several processes has its share."""
+        if self.trainer is not None:
+            self.dataset.process = self.trainer.global_rank, self.trainer.world_size
+            self.dataset.of_iteration = self.trainer.accumulate_grad_batches
+        return super().train_dataloader()
 
     def __init__(
         self,

@@ -16,7 +16,17 @@ from pcnclaws.laws.internal_variables import InternalVariable
 from pcnclaws.layout import join_positions
 from pcnclaws.simulation.batch import SceneBatch, batch_scenes
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.simulation.scenes import group_by_settings
+from pcnclaws.simulation.scenes import SceneStart, group_by_settings
+
+
+class Share(NamedTuple):
+    """What one of several processes has of a batch, times their number: 1 for the only one.
+
+    With these as factors of means over its segments and its observations, the mean over processes is that of the batch.
+    """
+
+    segments: float = 1.0
+    observations: float = 1.0
 
 
 class SegmentBatch(NamedTuple):
@@ -28,6 +38,7 @@ class SegmentBatch(NamedTuple):
     every   steps from one frame to the next
     group   which of the data set's settings the segments have
     start_time  of all segments, where their surroundings change with time [s], else that of the settings
+    share   of the batch, where it is divided among processes
     """
 
     start: SceneBatch
@@ -36,6 +47,7 @@ class SegmentBatch(NamedTuple):
     every: int
     group: int
     start_time: float = 0.0
+    share: Share = Share()
 
 
 class SegmentDataset(Dataset[SegmentBatch]):
@@ -46,6 +58,8 @@ class SegmentDataset(Dataset[SegmentBatch]):
     segments show more, none is left out.
 
     internal_variables  of the laws that are trained, which restart states may hold; none unless they are set
+    process  number of this process among those that divide each batch, and their number
+    of_iteration  batches of an iteration, whose segments are equally long
     notes   what the user should know about the choice of segments, one line each
     raises  UserError where free flight is all that any segment shows
     """
@@ -53,6 +67,7 @@ class SegmentDataset(Dataset[SegmentBatch]):
     def __init__(self, records: Sequence[SceneRecord], plan: SegmentPlan, dtype: torch.dtype = torch.float32) -> None:
         self.plan, self.dtype = plan, dtype
         self.internal_variables: Sequence[InternalVariable] = ()
+        self.process, self.of_iteration = (0, 1), 1
         timelines = [[Timeline(record, plan.start) for record in group] for group in group_by_settings(records)]
         self.settings = [group[0].record.settings for group in timelines]
         self.groups = [SegmentGroup(group, plan) for group in timelines]
@@ -64,7 +79,7 @@ class SegmentDataset(Dataset[SegmentBatch]):
             )
 
     def __len__(self) -> int:
-        return self.plan.iterations
+        return self.plan.iterations * self.of_iteration
 
     @property
     def lengths(self) -> tuple[int, int]:
@@ -72,9 +87,9 @@ class SegmentDataset(Dataset[SegmentBatch]):
         ends = [group.length(n) for group in self.groups for n in (0, max(self.plan.iterations - 1, 0))]
         return min(ends), max(ends)
 
-    def __getitem__(self, iteration: int) -> SegmentBatch:
-        random = np.random.default_rng((self.plan.seed, iteration))
-        lengths = [group.length(iteration) for group in self.groups]
+    def __getitem__(self, i: int) -> SegmentBatch:
+        random = np.random.default_rng((self.plan.seed, i))
+        lengths = [group.length(i // self.of_iteration) for group in self.groups]
         drawn = [group.drawn(length) for group, length in zip(self.groups, lengths, strict=True)]
         sizes = np.array([len(timelines) for timelines in drawn])
         g = int(random.choice(len(sizes), p=sizes / sizes.sum()))
@@ -90,11 +105,25 @@ class SegmentDataset(Dataset[SegmentBatch]):
             if self.settings[g].changes:
                 begins, chosen = _at_one_time(begins, chosen)
         starts = [timeline.begin(b) for timeline, b in zip(chosen, begins, strict=True)]
-        batch = batch_scenes(starts, self.dtype, "cpu", self.internal_variables)
         frames = [timeline.frames(b, length, every) for timeline, b in zip(chosen, begins, strict=True)]
-        return SegmentBatch(
-            batch, join_positions(frames, self.dtype), length, every, g, start_time=starts[0].settings.start_time
-        )
+        start_time = starts[0].settings.start_time
+        starts, frames, share = self._divided(starts, frames)
+        batch = batch_scenes(starts, self.dtype, "cpu", self.internal_variables)
+        positions = join_positions(frames, self.dtype)
+        return SegmentBatch(batch, positions, length, every, g, start_time=start_time, share=share)
+
+    def _divided(
+        self, starts: list[SceneStart], frames: list[np.ndarray]
+    ) -> tuple[list[SceneStart], list[np.ndarray], Share]:
+        """What this process has of a batch: every n-th segment, or, where there are fewer, one that counts nothing."""
+        number, count = self.process
+        if count == 1:
+            return starts, frames, Share()
+        seen = [int(np.isfinite(positions).sum()) for positions in frames]
+        segments = count * len(starts[number::count]) / len(starts)
+        observations = count * sum(seen[number::count]) / max(sum(seen), 1)
+        own = slice(number, None, count) if segments else slice(1)
+        return starts[own], frames[own], Share(segments, observations)
 
 
 def _spread(random: np.random.Generator, count: int, wanted: int) -> np.ndarray:

@@ -51,5 +51,5 @@ class WallClock(Callback):
         self._before = float(state_dict["seconds"])
 
     def _end_if_spent(self, trainer: Trainer) -> None:
-        if self.share >= 1.0:
+        if trainer.strategy.broadcast(self.share >= 1.0):  # the clock of the first process counts
             trainer.should_stop = True

@@ -34,7 +34,7 @@ class History(Callback):
         self._epoch.append(trainer.callback_metrics["loss"])
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        self.loss += torch.stack(self._epoch).tolist()
+        self.loss += torch.stack(self._epoch).view(-1, trainer.accumulate_grad_batches).mean(1).tolist()
         self.check_iteration.append(trainer.global_step)
         self.check_mse.append(cast(WatchedModule, pl_module).check.mse)
 

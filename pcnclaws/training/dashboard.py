@@ -54,7 +54,7 @@ class Dashboard(Callback):
         pl_module.log("iteration_seconds", time.perf_counter() - self._began, batch_size=1)
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        if not isinstance(trainer.logger, TensorBoardLogger):
+        if not (trainer.is_global_zero and isinstance(trainer.logger, TensorBoardLogger)):
             return
         writer, step, module = trainer.logger.experiment, trainer.global_step, cast(WatchedModule, pl_module)
         for name, weight in module.model.named_parameters():

@@ -28,8 +28,17 @@ OURS = {
     "callbacks": "callbacks=",
     "default_root_dir": "output",
 }
+# How devices work together: each has a share of every batch, and all have the same weights.
+STRATEGIES = ("auto", "ddp")
 # Those without which a run could not be continued, or would print over our progress.
-FIXED = ("plugins", "enable_checkpointing", "enable_progress_bar", "enable_model_summary", "num_sanity_val_steps")
+FIXED = (
+    "use_distributed_sampler",
+    "plugins",
+    "enable_checkpointing",
+    "enable_progress_bar",
+    "enable_model_summary",
+    "num_sanity_val_steps",
+)
 
 
 @dataclass(frozen=True)
@@ -71,13 +80,21 @@ class Loop:
                 raise UserError(f"trainer.{name} is not accepted; accepted: {OURS[name]}, which sets it")
             if name not in known:
                 raise unknown_name("trainer", name, known)
+        if self.trainer.get("strategy", "auto") not in STRATEGIES:
+            raise unknown_name("trainer.strategy", self.trainer["strategy"], STRATEGIES)
         if self.trainer:  # before any data is made
             made = self.made_trainer(logger=False, enable_progress_bar=False, enable_model_summary=False)
-            if made.world_size > 1:
+            if made.num_nodes > 1:
                 raise UserError(
-                    f"{self._given} trains in {made.world_size} processes; accepted: one device of one node, since the "
-                    "scenes of a batch are one simulation"
+                    f"trainer.num_nodes={made.num_nodes} is not accepted; accepted: 1, with several devices"
                 )
+
+    @property
+    def processes(self) -> int:
+        """In how many processes the training runs, one for each device."""
+        if not self.trainer:
+            return 1
+        return self.made_trainer(logger=False, enable_progress_bar=False, enable_model_summary=False).world_size
 
     def made_logger(self, folder: Path) -> Logger:
         """The logger of a run folder."""
@@ -96,8 +113,11 @@ class Loop:
 
     def made_trainer(self, **options: Any) -> Trainer:
         """The Trainer of these options and of the user's, which come first."""
+        given = {
+            name: value for name, value in self.trainer.items() if name != "strategy"
+        }  # of several devices it is ddp
         try:
-            return Trainer(**{**options, **self.trainer})
+            return Trainer(**{**options, **given})
         except (MisconfigurationException, TypeError, ValueError) as fault:
             if not self.trainer:
                 raise

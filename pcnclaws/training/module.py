@@ -25,6 +25,7 @@ from pcnclaws.simulation.rollout import differentiable_rollout
 from pcnclaws.simulation.scenes import start_of
 from pcnclaws.simulation.simulator import Simulator, simulator_of
 from pcnclaws.training.losses import position_loss, relative_errors, unstressed_positions
+from pcnclaws.training.processes import gathered
 from pcnclaws.training.scene_errors import SceneErrors
 from pcnclaws.training.schedule import cosine_schedule, lengthen
 from pcnclaws.training.watched import WatchedModule
@@ -121,15 +122,20 @@ class ConstitutiveModule(WatchedModule):
             simulator, batch.start, batch.steps, batch.every, recompute=self.settings.recompute, skips=self.skips
         )
         error = position_loss(predicted, batch.target)
-        self.log("loss", error.detach(), batch_size=1)
+        self.log("loss", error.detach() * batch.share.observations, batch_size=1, sync_dist=self.trainer.world_size > 1)
         self.log("segment_length", float(batch.steps), batch_size=1)
         self.log("learning_rate", self.trainer.optimizers[0].param_groups[0]["lr"], batch_size=1)
-        return self.settings.scale * self._loss(batch, simulator, predicted, error)
+        loss = self.settings.scale * self._loss(batch, simulator, predicted, error)
+        return loss if self.trainer.world_size == 1 else loss + self._nothing()
+
+    def _nothing(self) -> Tensor:
+        """Zero, with a gradient of zero for every weight: other processes wait for each, also from free flight."""
+        return 0.0 * torch.stack([weight.sum() for weight in self.parameters() if weight.requires_grad]).sum()
 
     def _loss(self, batch: SegmentBatch, simulator: Simulator, predicted: Tensor, error: Tensor) -> Tensor:
         """What is minimised: the squared error [m^2], or each segment's relative to its motion [-]."""
         if self.settings.loss == "absolute":
-            return error
+            return error * batch.share.observations
         times = range(batch.every, batch.steps + 1, batch.every)
         time_step = simulator.integrator.settings.time_step
         state, scenes = batch.start.state, batch.start.scenes
@@ -137,8 +143,11 @@ class ConstitutiveModule(WatchedModule):
         segments, names = (scenes.scene_index, scenes.scene_count), batch.start.names
         errors = relative_errors(predicted, batch.target, unstressed, *segments)
         weights = self.scene_errors.weights(names) if self.settings.loss == "robust" else None
-        self.scene_errors.note(names, errors.tolist())
-        return errors.mean() if weights is None else (errors.new_tensor(weights) * errors).mean()
+        told = list(zip(names, errors.tolist(), strict=True)) if batch.share.segments else []
+        for name, of_scene in gathered(told, self.trainer.world_size):
+            self.scene_errors.note([name], [of_scene])
+        loss = errors.mean() if weights is None else (errors.new_tensor(weights) * errors).mean()
+        return loss * batch.share.segments
 
     @property
     def networks(self) -> Mapping[str, nn.Module]:

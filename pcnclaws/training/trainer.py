@@ -79,6 +79,7 @@ def fit(
     trainer = loop.made_trainer(
         accelerator="gpu" if device.type == "cuda" else "cpu",
         devices=1,
+        use_distributed_sampler=False,  # batches are divided, not given out
         plugins=[AtomicCheckpointIO()],
         max_epochs=data.epochs,
         gradient_clip_val=module.gradient_clip,

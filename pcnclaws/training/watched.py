@@ -15,6 +15,7 @@ from pcnclaws.metrics import Positions
 from pcnclaws.simulation.motion import SceneSimulator
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.training.checks import Check
+from pcnclaws.training.processes import gathered
 
 log = logging.getLogger(__name__)
 
@@ -64,11 +65,21 @@ class WatchedModule(LightningModule, ABC):
             log.warning("check failed: %s", divergence)
             return Check(tuple(records), ())
 
+    def _check_of_all(self, records: list[SceneRecord]) -> Check:
+        """The check of all scenes, of which each of several processes simulates its own and is told the others'."""
+        count = self.trainer.world_size
+        if count == 1:
+            return self.checked(records)
+        own = records[self.global_rank :: count]
+        predicted = gathered(self.checked(own).predicted if own else (), count)
+        return Check(tuple(records), tuple(predicted) if len(predicted) == len(records) else ())  # one has diverged
+
     def validation_step(self, batch: list[SceneRecord], batch_idx: int) -> None:
-        self.check = self.checked(batch)
-        self.log("validation_mse", self.check.mse, batch_size=1)
+        self.check = self._check_of_all(batch)
+        several = self.trainer.world_size > 1  # all of which log the same
+        self.log("validation_mse", self.check.mse, batch_size=1, sync_dist=several)
         for name, error in self.check.errors.items():
-            self.log(f"validation/{name}", error, batch_size=1)
+            self.log(f"validation/{name}", error, batch_size=1, sync_dist=several)
 
     def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
         """Watches the gradient: an iteration without a finite one leaves the optimiser as it is, see `step_back`."""

@@ -34,6 +34,10 @@ SMOKE = {
         *("problem.backends=[torch]", "problem.particles_per_edge=4", "problem.steps=8", "problem.samples=1"),
         *("problem.switches=[free_fall,history,all]", "problem.memory=false"),
     ],
+    "data_parallel": [
+        *("problem.segments=2", "problem.iterations=1", "problem.scenes=2", "problem.particles_per_edge=4"),
+        "problem.memory_edges=[4]",
+    ],
     "fine_tuning": [
         *("problem.pairs=[mohr_coulomb]", "problem.scenes=1", "problem.fine_tuning=[1]", "problem.training=[1]"),
         "problem.steps=20",
@@ -49,7 +53,7 @@ SMOKE = {
 }
 
 
-DEAR = ("own_laws", "fine_tuning", "training", "scaling", "step_cost", "skips")
+DEAR = ("data_parallel", "own_laws", "fine_tuning", "training", "scaling", "step_cost", "skips")
 
 
 def check_own_laws(results: dict) -> None:
@@ -99,6 +103,15 @@ def check_transfers(results: dict) -> None:
     assert all(row["ratio"] == 1.0 for row in results["costs"] if row["transfer"] == "apic")
 
 
+def check_data_parallel(results: dict) -> None:
+    rows = {(row["processes"], row["segments"]): row for row in results["rows"]}
+    assert set(rows) == {(1, 2), (2, 2), (2, 4)}
+    assert rows[2, 2]["difference"] < 1e-5
+    assert results["reduce"]["ms"] > 0.0
+    assert results["memory"][0]["above_mb"] > 0.0
+    assert 0.0 < results["file"]["frame"] < results["file"]["restart_state"]
+
+
 def check_fine_tuning(results: dict) -> None:
     rows = {(row["start"], row["iterations"]): row for row in results["rows"]}
     assert set(rows) == {("shipped", 0), ("shipped", 1), ("nothing", 1)}
@@ -106,6 +119,7 @@ def check_fine_tuning(results: dict) -> None:
 
 
 CHECKS = {
+    "data_parallel": check_data_parallel,
     "fine_tuning": check_fine_tuning,
     "own_laws": check_own_laws,
     "step_cost": check_step_cost,
