@@ -24,10 +24,10 @@ from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
 
 CAMERA = (1.0, 1.0, 1.0)
-STEPS = 120
+STEPS = 80
 
 
-def motion(material: str = "elasticity", every: int = 10, dtype: torch.dtype = torch.float32) -> SceneRecord:
+def motion(material: str = "elasticity", every: int = 8, dtype: torch.dtype = torch.float32) -> SceneRecord:
     laws = analytic_laws(MATERIALS[material])
     return simulate_records([start(material)], laws, FramePlan(STEPS, every), Execution(dtype))[0]
 

@@ -74,8 +74,6 @@ def _surface_offset(word: bool | str, observation: Observation) -> bool:
     """Whether the offset of the surface is sought."""
     if word not in ("auto", True, False):
         raise UserError(f"unknown.surface_offset={word} is not accepted; accepted: true, false, auto")
-    if word is True and observation.points is None:
-        raise UserError("unknown.surface_offset=true needs points on a surface; accepted: observation.kind=points")
     return observation.points is not None and bool(word)
 
 

@@ -25,7 +25,7 @@ PATCH = 3.0
 # Frames this near to the start are at the start [s].
 AT_START = 1e-6
 # Later points may be so many lengths of the body from the middle of their frame, and no body has parts farther away.
-FARTHEST = 3.0
+FARTHEST = 2.0
 
 
 def from_points(

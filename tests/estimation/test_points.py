@@ -94,7 +94,7 @@ def test_intervals_hold_the_truth_and_the_motion_is_fitted(material: str, tmp_pa
     fit = fit_of(problem, u, found)
     assert fit.fitted is True
     assert fit.scatter is not None
-    assert fit.scatter.size == pytest.approx(5e-4, rel=0.1)
+    assert fit.scatter.size == pytest.approx(5e-4, rel=0.2)
 
 
 def test_a_wrong_model_is_told(record: SceneRecord, tmp_path: Path) -> None:
@@ -105,6 +105,7 @@ def test_a_wrong_model_is_told(record: SceneRecord, tmp_path: Path) -> None:
     assert fit_of(problem, u, uncertainty(at, problem.unknowns, u, ROUNDING)).fitted is False
 
 
+@SLOW
 def test_a_surface_farther_out_is_found_and_shifts_nothing(record: SceneRecord, tmp_path: Path) -> None:
     observation = observation_of(record, seen(record, 60, offset=4e-3), tmp_path / "p.npz")
     problem = problem_of_points(observation, offset=True)
@@ -120,7 +121,7 @@ def test_points_of_the_flight_give_velocity_and_spin(record: SceneRecord, tmp_pa
     guess = with_first_motion(observation, problem.unknowns, np.array([*TRUE, *np.zeros(7)]))
     np.testing.assert_allclose(guess[2:5], [0.5, -2.0, 0.0], atol=0.2)
     np.testing.assert_allclose(guess[5:8], 0.0, atol=2.0)
-    u, _ = solved(problem, guess.tolist())
+    u, _ = solved(problem, guess.tolist(), iterations=4)
     found = problem.unknowns.values(u)
     assert found[0] == pytest.approx(1e5, rel=0.1)
     np.testing.assert_allclose(found[2:5], [0.5, -2.0, 0.0], atol=0.02)
