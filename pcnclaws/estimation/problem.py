@@ -141,6 +141,8 @@ class EstimationProblem:
         state = ParticleState.at_rest_shape(self._position, velocity, affine)
         found = self._positions(SceneBatch(state, self._scenes(1), parameters), plan)
         motion = self._at_frames(found[:, :, None, :], plan)[:, :, 0]
+        for k in self.unknowns.index(SURFACE_OFFSET):
+            motion = motion + (free[k] - values[k]).to(self.dtype) * rates_of_offset(motion)
         return self._assigned(motion, values).residual(motion).square().mean()
 
     def motion(self, u: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, "frames markers 3"]:
