@@ -25,7 +25,6 @@ CANDIDATES = 10
 # A point so near to an edge of the surface, in metres, is off it along the normal.
 ON_SURFACE = 1e-9
 
-
 Places: TypeAlias = Float[np.ndarray, "frames positions 3"]
 
 
@@ -163,10 +162,10 @@ class SurfaceComparison(Comparison):
         return SurfaceAssignment(
             torch.from_numpy(observed.position),
             torch.from_numpy(observed.frame),
-            torch.from_numpy(corner),
-            torch.from_numpy(shares_of_corners(closest, corners)),
-            torch.from_numpy(_directions(observed.position, closest, corners)),
-            offset,
+            corner=torch.from_numpy(corner),
+            share=torch.from_numpy(shares_of_corners(closest, corners)),
+            direction=torch.from_numpy(_directions(observed.position, closest, corners)),
+            offset=offset,
             part=observed.patch[triangle],
         )
 
