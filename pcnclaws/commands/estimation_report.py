@@ -120,6 +120,8 @@ def _misfit(fit: Fit) -> list[str]:
     if fit.odd:
         many = "one marker holds" if len(fit.odd) == 1 else f"{len(fit.odd)} markers hold"
         words.append(f"{many} more than half of its square: are labels exchanged?")
+    if fit.stray:
+        words.append(f"{fit.stray} points far from the surface hold more than half of its square: background?")
     return words
 
 
@@ -169,6 +171,7 @@ def _fit_values(fit: Fit) -> dict[str, Any]:
         "alike": fit.alike,
         "tolerance": fit.tolerance,
         "odd_markers": list(fit.odd),
+        "stray_points": fit.stray,
     }
 
 

@@ -30,6 +30,8 @@ GRID_SHARE = 1e-3
 AT_START = 1e-6
 # So many of the markers, holding so much of the squared residual, are another fault than that of the model.
 FEW_MARKERS, THEIR_SHARE = 0.125, 0.5
+# Points farther from the surface than so many times their scatter are none of its points.
+STRAY = 6.0
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,8 @@ class Fit:
                none where the motion is fitted
     freedom    observed coordinates that tell something, less the numbers that are estimated
     fitted     whether the model explains the motion; None where that cannot be told
+    stray      points without labels that are farther from the surface than their scatter explains, where they hold most
+               of the squared residual
     """
 
     residual: float
@@ -54,6 +58,7 @@ class Fit:
     odd: tuple[int, ...]
     freedom: int
     fitted: bool | None
+    stray: int = 0
 
     @property
     def has_intervals(self) -> bool:
@@ -121,7 +126,16 @@ def _fit_of_points(
         odd=(),
         freedom=found.freedom,
         fitted=fitted,
+        stray=_stray(residual, scatter) if fitted is False else 0,
     )
+
+
+def _stray(residual: np.ndarray, scatter: Scatter | None) -> int:
+    """How many points are stray; 0 where the others hold most of the squared residual."""
+    if scatter is None:
+        return 0
+    stray = np.abs(residual) > STRAY * scatter.largest
+    return int(stray.sum()) if np.square(residual[stray]).sum() > THEIR_SHARE * np.square(residual).sum() else 0
 
 
 def _neighbouring_patches(residual: np.ndarray, frame: np.ndarray, patch: np.ndarray) -> float:

@@ -6,13 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from observed_bodies import TRUTH, solved
-from observed_points import motion, observation_of, problem_of_points, seen
+from observed_bodies import TRUTH, solved, start
+from observed_points import STEPS, motion, observation_of, problem_of_points, seen
 
 from pcnclaws.data.point_frames import PointFrames
 from pcnclaws.estimation.goodness_of_fit import fit_of
 from pcnclaws.estimation.start_motion import with_first_motion
 from pcnclaws.estimation.uncertainty import ROUNDING, uncertainty
+from pcnclaws.laws.analytic import analytic_laws
+from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.simulation.execution import Execution
+from pcnclaws.simulation.recorded_runs import simulate_records
+from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
 
 # PyTorch warns of its own use of torch.jit when it loads forward mode
@@ -113,6 +118,28 @@ def test_a_wrong_model_is_told(record: SceneRecord, tmp_path: Path) -> None:
     problem = problem_of_points(wrong, offset=True)
     u, at = solved(problem, [*TRUE, 0.0], iterations=4)
     assert fit_of(problem, u, uncertainty(at, problem.unknowns, u, ROUNDING)).fitted is False
+
+
+def test_points_of_the_background_are_counted(record: SceneRecord, tmp_path: Path) -> None:
+    points = seen(record, 60, noise=1e-3)
+    points.position[100::40] += 0.05  # outwards, whatever face they are on
+    problem = problem_of_points(observation_of(record, points, tmp_path / "p.npz"))
+    u = problem.unknowns.coordinates(TRUE)
+    fit = fit_of(problem, u, uncertainty(problem.linearise(u), problem.unknowns, u, ROUNDING))
+    assert (fit.fitted, fit.stray) == (False, len(points.position[100::40]))
+
+
+@SLOW
+def test_half_a_spacing_of_body_is_around_particles_in_the_centres_of_cells(tmp_path: Path) -> None:
+    scene = replace(start("elasticity"), volume=np.full(64, (0.8 / 3.0) ** 3 / 64))
+    laws = analytic_laws(MATERIALS["elasticity"])
+    record = simulate_records([scene], laws, FramePlan(STEPS, 8), Execution(torch.float32))[0]
+    observation = observation_of(record, seen(record, 60), tmp_path / "p.npz")
+    assert observation.points is not None
+    assert observation.points.offset == pytest.approx(0.1 / 3.0, abs=1e-6)
+    problem = problem_of_points(observation, offset=True)
+    u, _ = solved(problem, [6e4, 0.15, 0.0])
+    np.testing.assert_allclose(problem.unknowns.values(u)[:2], TRUE, rtol=1e-3)
 
 
 @SLOW
