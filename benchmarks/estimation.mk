@@ -53,7 +53,11 @@ stiffer_sand_1 := 3.7e6
 # from a hundred noisy markers on the surface, with gaps, seen in every tenth frame; the start velocity is not known
 seen_by_markers := surface=true every=10 noise=1e-3 missing=0.1
 way_markers := law=analytic scene.shape=cube $(paper)
-# the same of a motion that was simulated with half the time step, grid spacing and distance of particles
+# from 500 points on the surface in every fifth step, other ones each time, without labels, of the half that a camera
+# above a corner sees; start velocity, spin and the offset of the surface are not known
+seen_by_a_depth_camera := kind=points points=500 'camera=[1,1,1]' noise=2e-3
+way_points := law=analytic observation.kind=points scene.shape=cube $(paper)
+# as the hundred markers, of a motion that was simulated with half the time step, grid spacing and distance of particles
 finer := simulation.time_step=2.5e-4 simulation.grid_nodes=40 simulation.steps=1000 simulation.every=10 scene.particles_per_edge=20
 way_mismatched := $(way_markers)
 
@@ -69,6 +73,9 @@ $(SEEN)/$(1).h5: | $(INSTALLED)
 $(SEEN)/$(1)_markers.csv: | $(SEEN)/$(1).h5
 	$$(RUN) pcnclaws.observe file=$(SEEN)/$(1).h5 markers=0.1 $(seen_by_markers) output=$$@
 
+$(SEEN)/$(1)_points.npz: | $(SEEN)/$(1).h5
+	$$(RUN) pcnclaws.observe file=$(SEEN)/$(1).h5 $(seen_by_a_depth_camera) output=$$@
+
 $(SEEN)/$(1)_fine.h5: | $(INSTALLED)
 	$$(RUN) pcnclaws.simulate material=$(call material_of,$(1)) law=analytic $(truth_$(1)) $(motion_$(call number_of,$(1))) $(paper) $(finer) \
 		scene.name=$(1) picture=false threads=1 output=$$@
@@ -79,6 +86,7 @@ $(SEEN)/$(1)_fine_markers.csv: | $(SEEN)/$(1)_fine.h5
 $(foreach way,$(ways),$(call estimated,$(1),$(way),$(SEEN)/$(1).h5,$(guess_$(1)) $(way_$(way))))
 $(foreach way,$(tenfold),$(call estimated,$(1),$(way),$(SEEN)/$(1).h5,$(guess_$(1)) $(call way_$(way),$(1))))
 $(call estimated,$(1),markers,$(SEEN)/$(1)_markers.csv,$(guess_$(1)) $(way_markers))
+$(call estimated,$(1),points,$(SEEN)/$(1)_points.npz,$(guess_$(1)) $(way_points))
 $(call estimated,$(1),mismatched,$(SEEN)/$(1)_fine_markers.csv,$(guess_$(1)) $(way_mismatched))
 endef
 
@@ -118,6 +126,6 @@ endef
 $(foreach one,$(parts),$(eval $(call estimated_parts,$(one))))
 
 .PHONY: estimation
-estimation: $(foreach object,$(nine),$(ways:%=$(ESTIMATES)/$(object)/%.json) $(ESTIMATES)/$(object)/markers.json) \
+estimation: $(foreach object,$(nine),$(ways:%=$(ESTIMATES)/$(object)/%.json) $(ESTIMATES)/$(object)/markers.json $(ESTIMATES)/$(object)/points.json) \
 	$(foreach object,$(firsts),$(patsubst %,$(ESTIMATES)/$(object)/%.json,$(tenfold) mismatched)) \
 	$(FAMILY:%=$(ESTIMATES)/coverage_%.json) $(parts:%=$(ESTIMATES)/%/analytic.json) ## estimate the paper's nine objects in every way

@@ -1,11 +1,15 @@
-"""Markers of a simulated motion as cameras see them: python -m pcnclaws.observe file=x.h5 markers=0.1 noise=1e-3."""
+"""Markers, or unlabelled points, of a simulated motion as cameras see them.
+
+python -m pcnclaws.observe file=x.h5 markers=0.1 noise=1e-3
+python -m pcnclaws.observe file=x.h5 kind=points points=500 'camera=[1,1,1]' noise=2e-3 output=points.npz
+"""
 
 from pcnclaws.commands import launcher
 from pcnclaws.commands.typed_configs import ObserveConfig
 
 
 def observe(config: ObserveConfig) -> None:
-    """Writes the markers of a recorded motion as a CSV file to `output`, and a picture of them beside it."""
+    """Writes markers or points of a recorded motion to `output`, and a picture of them beside it."""
     from pcnclaws.commands import observation_command as work  # loads PyTorch
 
     work.observe(config)

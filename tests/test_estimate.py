@@ -15,6 +15,7 @@ from pcnclaws.estimation.inverse import InverseModule
 from pcnclaws.guards import WORDS
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.observe import observe
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
@@ -67,6 +68,39 @@ def test_it_finds_the_truth_and_leaves_a_table_a_file_pictures_and_the_motion(es
     np.testing.assert_allclose(again.parameters["youngs_modulus"], 1e5, rtol=1e-3)
     for word in ("guess", "estimate", "95 % interval", "truth", "youngs_modulus [Pa]"):
         assert word in outcome.out
+
+
+def test_points_without_labels_are_seen_by_a_camera_and_explained(estimated, in_process, tmp_path: Path) -> None:
+    seen = ["file=x.h5", "kind=points", "points=100", "camera=[1,1,1]", "noise=5e-4", "output=p.npz", "picture=false"]
+    assert in_process(observe, "observe", *seen, "every=2").status == 0
+    points = ["observation.file=p.npz", "observation.kind=points", "scene.particles=x.h5", "screening=0"]
+    outcome = estimated(*points, "initial_guess.youngs_modulus=7e4", "initial_guess.poissons_ratio=0.2")
+    assert outcome.status == 0, outcome.err
+    found = json.loads((tmp_path / "new" / "e.json").read_text())
+    assert found["parameters"]["youngs_modulus"]["estimate"] == pytest.approx(1e5, rel=0.05)
+    assert found["motion"]["surface_offset"]["unit"] == "m"
+    assert (found["fit"]["fitted"], found["fit"]["scatter_from"]) == (True, "neighbouring points")
+    assert (tmp_path / "new" / "e_fit.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["observation.kind=cloud"], "observation.kind='cloud' is not known; accepted: markers, points"),
+        (["observation.kind=points"], "p.npz: points need a body; accepted: scene.shape=cube"),
+        (["unknown.surface_offset=true"], "unknown.surface_offset"),
+        (
+            ["observation.kind=points", "scene.shape=cube", "unknown.surface_offset=maybe"],
+            "accepted: true, false, auto",
+        ),
+        (["observation.kind=points", "scene.shape=cube", "observation.frame=fit"], "for points, which have no labels"),
+    ],
+)
+def test_options_of_points_are_refused_in_one_line(options: list[str], message: str, estimated, tmp_path) -> None:
+    np.savez(tmp_path / "p.npz", time=np.array([0.0, 0.1]), position=np.full((2, 8, 3), 0.25))
+    outcome = estimated("observation.file=p.npz", *options)
+    assert outcome.status == 2
+    assert message in outcome.err
 
 
 @pytest.mark.slow

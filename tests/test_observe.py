@@ -9,6 +9,7 @@ from recorded_scenes import small_cube
 from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.markers import surface_particles
 from pcnclaws.data.observation_files import from_table
+from pcnclaws.data.point_frames import read_point_frames
 from pcnclaws.geometry.shapes import PointCloud, particles
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
@@ -85,3 +86,35 @@ def test_wrong_input_is_one_line(argument: str, message: str, observed, tmp_path
 
 def test_more_markers_than_the_surface_has_are_refused(observed) -> None:
     assert "accepted: 1 to 56, the number of surface particles" in observed("surface=true").err
+
+
+@pytest.mark.parametrize("output", ["p.npz", "p.csv", "p.ply"])
+def test_points_are_on_the_side_of_the_camera_and_differ_in_number(output: str, observed, record, tmp_path) -> None:
+    outcome = observed("kind=points", "points=60", "camera=[0,1,0]", "every=5", "missing=0.2", f"output={output}")
+    assert outcome.status == 0, outcome.err
+    seen = read_point_frames(tmp_path / ("p_*.ply" if output == "p.ply" else output))
+    counts = np.bincount(seen.frame)
+    assert len(set(counts.tolist())) > 1
+    assert counts.mean() == pytest.approx(48, abs=12)
+    np.testing.assert_allclose(seen.time, record.time[::5] - record.time[0], atol=1e-8)
+    first = seen.position[seen.frame == 0]
+    np.testing.assert_allclose(first[:, 1], record.position[0, :, 1].max(), atol=1e-6)
+    assert (tmp_path / "p.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("argument", "message"),
+    [
+        ("kind=point", "kind='point' is not known; accepted: markers, points"),
+        (
+            "camera=[0,0,0]",
+            "camera=[0, 0, 0] is not accepted; accepted: [x, y, z] from the body to the camera, or null",
+        ),
+        ("points=0", "points=0 is not accepted"),
+        ("surface=true", "with kind=points, which are on the surface"),
+    ],
+)
+def test_wrong_points_are_refused_in_one_line(argument: str, message: str, observed) -> None:
+    outcome = observed("kind=points", "output=p.npz", argument)
+    assert outcome.status == 2
+    assert message in outcome.err

@@ -24,6 +24,7 @@ WAYS = {
     "stiffer": "neural law, E guessed tenfold",
     "stiffer_unscreened": "neural law, E guessed tenfold, no screening",
     "markers": "analytic law, 100 markers",
+    "points": "analytic law, 500 points without labels",
     "mismatched": "analytic law, 100 markers of a finer simulation",
 }
 # Of benchmarks/parts.py.
@@ -64,8 +65,13 @@ command on one thread, and depend on what else the machine did: those of the neu
 were measured alone but for sand 2 and 3, most others beside one to three other processes on two cores.
 
 *Markers* are 100 particles of the surface, seen in every 50th step, each coordinate with a noise of 1 mm, a tenth of
-them missing; start velocity and spin are estimated along. *Of a finer simulation*: the motion was simulated with half
-the time step, half the grid spacing and eight times the particles, and is explained with the usual ones."""
+them missing; start velocity and spin are estimated along. *Of a finer
+simulation*: the motion was simulated with half the time step, half the grid spacing and eight times the particles, and
+is explained with the usual ones.
+
+*Points without labels* are some 500 in every fifth step, other ones each time, on the part of the surface that a camera
+above a corner of the cube sees, each coordinate with a noise of 2 mm; start velocity, spin and the offset of the
+surface are estimated along."""
 
 PICTURE = "estimation_searches.png"
 SEARCHES = f"""\

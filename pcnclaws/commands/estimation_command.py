@@ -96,7 +96,7 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     fit = fit_of(problem, module.u, found, noise)
 
     truth = stored_truth(observation, material.parameter_names)
-    title = f"{material.name}, law {config.law}, {observation.name}: {observation.seen.sum()} positions"
+    title = f"{material.name}, law {config.law}, {observation.name}: {observation.positions} positions"
     findings = Findings(title, unknowns, unknowns.values(guess).tolist(), found=found, fit=fit, truth=truth)
     console.print(result_table(findings))
     for line in [*verdicts(found, fit), *_outside(config, material, unknowns, module)]:
@@ -155,7 +155,7 @@ def _extras(config: EstimateConfig, output: Path, module: InverseModule, finding
     if config.picture:
         sought = tuple(unknown.name for unknown in problem.unknowns.sought)
         findings = replace(findings, truth=stored_truth(observation, sought))
-        written += leave_estimation_pictures(stem, findings, observation, problem.motion(u), module.history)
+        written += leave_estimation_pictures(stem, findings, observation, problem.beside(u), module.history)
     return written
 
 

@@ -1,7 +1,7 @@
 """Results of an estimation: a table, a JSON file and pictures."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from pcnclaws.rendering.pictures import predicted_beside_true
 from pcnclaws.rendering.search_convergence import Course, convergence
 from pcnclaws.simulation.records import SceneRecord
 
-UNITS = {"velocity": "m/s", "spin": "rad/s", "time_offset": "s"}
+UNITS = {"velocity": "m/s", "spin": "rad/s", "time_offset": "s", "surface_offset": "m"}
 
 
 # Usual causes of a motion that is not fitted.
@@ -120,6 +120,8 @@ def _misfit(fit: Fit) -> list[str]:
     if fit.odd:
         many = "one marker holds" if len(fit.odd) == 1 else f"{len(fit.odd)} markers hold"
         words.append(f"{many} more than half of its square: are labels exchanged?")
+    if fit.stray:
+        words.append(f"{fit.stray} points far from the surface hold more than half of its square: background?")
     return words
 
 
@@ -169,6 +171,7 @@ def _fit_values(fit: Fit) -> dict[str, Any]:
         "alike": fit.alike,
         "tolerance": fit.tolerance,
         "odd_markers": list(fit.odd),
+        "stray_points": fit.stray,
     }
 
 
@@ -176,10 +179,13 @@ def leave_estimation_pictures(
     stem: Path,
     findings: Findings,
     observation: Observation,
-    simulated: Float[np.ndarray, "frames markers 3"],
+    beside: tuple[Float[np.ndarray, "frames positions 3"], Float[np.ndarray, "frames positions 3"]],
     history: Sequence[tuple[Sequence[float], float]],
 ) -> list[Path]:
-    """<stem>_convergence.png: unknowns and error over the iterations; <stem>_fit.png: observed beside simulated."""
+    """<stem>_convergence.png: unknowns and error over the iterations; <stem>_fit.png: observed beside simulated.
+
+    beside  positions that were observed, and where the simulation puts them [m]
+    """
     fit = findings.fit
     warning = f"not fitted: {', '.join(_misfit(fit)[:2])}" if fit.fitted is False else ""
     courses = [
@@ -193,11 +199,10 @@ def leave_estimation_pictures(
     ]
     title = f"{findings.title}\n{warning}".strip()
     search = convergence(courses, [mse for _, mse in history], title, stem.with_name(f"{stem.name}_convergence.png"))
-    observed = _as_record(observation, observation.target)
-    with_estimate = replace(observed, position=simulated.astype(np.float32))
+    observed, simulated = (_as_record(observation, position) for position in beside)
     path = stem.with_name(f"{stem.name}_fit.png")
     words = ("observed", "simulated")
-    return [search, predicted_beside_true(observed, with_estimate, path, words=words, warning=warning)]
+    return [search, predicted_beside_true(observed, simulated, path, words=words, warning=warning)]
 
 
 def true_value(label: str, truth: Mapping[str, float]) -> float | None:
@@ -206,7 +211,7 @@ def true_value(label: str, truth: Mapping[str, float]) -> float | None:
 
 
 def _as_record(observation: Observation, position: np.ndarray) -> SceneRecord:
-    """Markers as a scene that can be drawn; those of a few are drawn as large as the particles around them."""
+    """Markers or points as a scene that can be drawn; a few are drawn as large as the particles around them."""
     markers = position.shape[1]
     volume = np.full(markers, observation.volume.mean(), dtype=np.float32)
     return SceneRecord(

@@ -66,7 +66,15 @@ def unknowns_from(config: EstimateConfig, material: Material, observation: Obser
         bodies,
         motion=sought,
         time_offset=bool(config.unknown.time_offset),
+        surface_offset=_surface_offset(config.unknown.surface_offset, observation),
     )
+
+
+def _surface_offset(word: bool | str, observation: Observation) -> bool:
+    """Whether the offset of the surface is sought."""
+    if word not in ("auto", True, False):
+        raise UserError(f"unknown.surface_offset={word} is not accepted; accepted: true, false, auto")
+    return observation.points is not None and bool(word)
 
 
 def guess_from(config: EstimateConfig, material: Material, problem: EstimationProblem) -> np.ndarray:

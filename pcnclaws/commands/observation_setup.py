@@ -10,13 +10,17 @@ from pcnclaws.commands.configuration import affine_word, body_from, two_densitie
 from pcnclaws.commands.surroundings import domain_of, grid_spacing_from, surroundings_from
 from pcnclaws.commands.typed_configs import EstimateConfig
 from pcnclaws.commands.typed_groups import ObservedSimulation, Scene
+from pcnclaws.data.motion_capture import Capture
 from pcnclaws.data.observation import Observation
 from pcnclaws.data.observation_files import from_record, from_table, observed_record
-from pcnclaws.errors import UserError
+from pcnclaws.data.point_observation import from_points
+from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.geometry.shapes import PointCloud, spin_velocity
 from pcnclaws.geometry.velocity_gradients import spin_gradient, velocity_gradients
 from pcnclaws.laws.materials import Material
 from pcnclaws.mpm.settings import SimulationSettings
+
+KINDS = ("markers", "points")
 
 
 def observation_from(config: EstimateConfig, material: Material) -> Observation:
@@ -27,7 +31,11 @@ def observation_from(config: EstimateConfig, material: Material) -> Observation:
             f"observation.file={path or 'null'} is not accepted; accepted: the path of a trajectory file or a CSV file"
         )
     body = _observed_body(config.scene)
-    if path.lower().endswith(".csv"):
+    if config.observation.kind not in KINDS:
+        raise unknown_name("observation.kind", config.observation.kind, KINDS)
+    if config.observation.kind == "points":
+        observation = _points(config, material, path, body)
+    elif path.lower().endswith(".csv"):
         if body is None:
             raise UserError(
                 f"{path}: markers need a body; accepted: scene.shape=cube, ..., scene.mesh=FILE or scene.particles=FILE"
@@ -49,6 +57,25 @@ def observation_from(config: EstimateConfig, material: Material) -> Observation:
     observation = replace(observation, spins_have_gradient=affine_word(config.scene) != "zero")
     window = config.observation.window
     return observation if window is None else observation.between(*_window(window))
+
+
+def _points(config: EstimateConfig, material: Material, path: str, body: PointCloud | None) -> Observation:
+    """The observation of unlabelled points."""
+    observed, scene = config.observation, config.scene
+    if body is None:
+        raise UserError(
+            f"{path}: points need a body; accepted: scene.shape=cube, ..., scene.mesh=FILE or scene.particles=FILE"
+        )
+    capture = capture_of(observed) or Capture()
+    return from_points(
+        path,
+        material.name,
+        _observed_settings(config.simulation, scene, SimulationSettings()),
+        body,
+        velocity_known=scene.velocity is not None or scene.particles is not None,
+        units=capture.units,
+        start=capture.start or 0.0,
+    )
 
 
 def _observed_body(scene: Scene) -> PointCloud | None:

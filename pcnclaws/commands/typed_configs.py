@@ -129,8 +129,11 @@ class ObserveConfig(Command):
 
     file: Unchecked
     scene: Unchecked
+    kind: str
     markers: Number
     surface: bool
+    points: int
+    camera: Unchecked
     every: int
     noise: Number
     missing: Number

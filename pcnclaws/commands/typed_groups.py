@@ -202,6 +202,7 @@ class Observed:
     """`observation.*`."""
 
     file: Unchecked
+    kind: str
     scene: Unchecked
     units: Unchecked
     frame: Unchecked
@@ -216,6 +217,7 @@ class UnknownMotion:
 
     motion: bool | str
     time_offset: bool
+    surface_offset: bool | str
 
 
 @dataclass(frozen=True)

@@ -143,7 +143,11 @@ def _without_body(options: Options) -> bool:
 
 
 def _is_table(options: Options) -> bool:
-    return Path(str(options.get("observation.file"))).suffix.lower() == ".csv"
+    return Path(str(options.get("observation.file"))).suffix.lower() == ".csv" or _is_cloud(options)
+
+
+def _is_cloud(options: Options) -> bool:
+    return options.get("observation.kind") == "points"
 
 
 def _is_record(options: Options) -> bool:
@@ -151,7 +155,12 @@ def _is_record(options: Options) -> bool:
 
 
 def _nothing_drawn(options: Options) -> bool:
-    return options["markers"] == 1.0 and options["noise"] == 0.0 and options["missing"] == 0.0
+    return (
+        options["kind"] == "markers"
+        and options["markers"] == 1.0
+        and options["noise"] == 0.0
+        and options["missing"] == 0.0
+    )
 
 
 _BODY = (
@@ -230,7 +239,9 @@ RULES: Mapping[str, Sequence[Rule]] = {
         ),
         _SCENE_OF_FILE,
         Rule(("scene.spin",), "without scene.velocity", _is("scene.velocity", None)),
-        Rule(("observation.scene",), "on a CSV file, which holds one scene", _is_table),
+        Rule(("observation.scene",), "on a file of markers or points, which holds one scene", _is_table),
+        Rule(("observation.frame",), "for points, which have no labels", _is_cloud),
+        Rule(("unknown.surface_offset",), "without observation.kind=points", lambda options: not _is_cloud(options)),
         Rule(
             tuple(f"observation.{name}" for name in ("units", "frame", "start")),
             "on a trajectory file, which is in metres and seconds of a simulation",
@@ -243,7 +254,11 @@ RULES: Mapping[str, Sequence[Rule]] = {
         Rule(("scene", "frame"), "without trajectory, of which it is a part", _is("trajectory", None)),
         Rule(("material",), "beside trajectory, whose file names it", _given("trajectory")),
     ),
-    "observe": (Rule(("seed",), "where every particle is seen, without noise or gaps", _nothing_drawn, False),),
+    "observe": (
+        Rule(("seed",), "where every particle is seen, without noise or gaps", _nothing_drawn, False),
+        Rule(("markers", "surface"), "with kind=points, which are on the surface", _is("kind", "points")),
+        Rule(("points", "camera"), "with kind=markers, which are seen from all sides", _is("kind", "markers")),
+    ),
     "benchmark": (
         Rule(("problem.*", "seed", "device", "threads"), "beside redraw", _given("redraw")),
         Rule(

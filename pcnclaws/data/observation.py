@@ -2,13 +2,38 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from pcnclaws.errors import UserError
 from pcnclaws.mpm.settings import SimulationSettings
+
+
+class ObservedPoints(NamedTuple):
+    """Points on the surface of a body that bear no labels, in any order within a frame.
+
+    The surface has two markers for each of its vertices: the particle, and, in the second half, the vector by which the
+    vertex moves where the surface moves out by 1. Weights of the latter have sums of 0.
+
+    position  [m], (points, 3)
+    frame     of each point, increasing, (points,)
+    faces     vertices of the triangles of the surface, counterclockwise seen from outside, (faces, 3)
+    patch     of the surface that each triangle belongs to, (faces,)
+    offset    of the surface from the outermost particles [m]
+    """
+
+    position: Float[np.ndarray, "points 3"]
+    frame: Int64[np.ndarray, " points"]
+    faces: Int64[np.ndarray, "faces 3"]
+    patch: Int64[np.ndarray, " faces"]
+    offset: float
+
+    def of_frames(self, kept: Bool[np.ndarray, " frames"]) -> "ObservedPoints":
+        """The points of some frames, which are numbered anew."""
+        mine = kept[self.frame]
+        return self._replace(position=self.position[mine], frame=(np.cumsum(kept) - 1)[self.frame[mine]])
 
 
 @dataclass(frozen=True)
@@ -27,6 +52,7 @@ class Observation:
     spins_have_gradient  whether a spin that is sought starts with its velocity gradient as C, too
     density           of each particle [kg/m^3], (particles,), None where it is that of the settings
     registration      of the frame of a file, as plain values, None where it is the simulation's own
+    points            that bear no labels, in place of seen markers
     """
 
     name: str
@@ -44,6 +70,7 @@ class Observation:
     spins_have_gradient: bool = True
     density: Float[np.ndarray, " particles"] | None = None
     registration: Mapping[str, Any] | None = None
+    points: ObservedPoints | None = None
 
     @property
     def seen(self) -> Bool[np.ndarray, "frames markers"]:
@@ -63,9 +90,22 @@ class Observation:
     def between(self, first: float, last: float) -> "Observation":
         """The frames from one time to another [s]; UserError where none is left."""
         kept = (self.time >= first) & (self.time <= last)
-        if not self.seen[kept].any():
+        if not self._tells[kept].any():
             raise UserError(
                 f"observation.window=[{first:g}, {last:g}] holds no observed position; "
                 f"accepted: two times within {self.time[0]:g} and {self.time[-1]:g} s"
             )
-        return replace(self, time=self.time[kept], target=self.target[kept])
+        points = None if self.points is None else self.points.of_frames(kept)
+        return replace(self, time=self.time[kept], target=self.target[kept], points=points)
+
+    @property
+    def positions(self) -> int:
+        """How many were observed."""
+        return int(self.seen.sum()) if self.points is None else len(self.points.position)
+
+    @property
+    def _tells(self) -> Bool[np.ndarray, " frames"]:
+        """Which frames hold an observed position."""
+        if self.points is None:
+            return np.asarray(self.seen.any(1))
+        return np.bincount(self.points.frame, minlength=len(self.time)) > 0

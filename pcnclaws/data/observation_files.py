@@ -66,7 +66,7 @@ def from_record(
     """
     settings = settings or record.settings
     target = record.position.astype(np.float64)
-    _require_metres(target, record.label)
+    require_metres(target, record.label)
     _name_empty(record.label, target)
     check_record(replace(record, settings=settings))
     if body is None:
@@ -116,7 +116,7 @@ def from_table(
     capture         units, frame and clock of the file; None: metres, the simulation's frame, time 0 is the start
     """
     time, names, target, registration = captured(Path(path), body.position, settings.grid_spacing, capture)
-    _require_metres(target, str(path), settings)
+    require_metres(target, str(path), settings)
     first = target[0]
     placed = np.isfinite(first).all(1)
     if abs(time[0]) > AT_START or not placed.any():
@@ -156,6 +156,26 @@ def from_table(
     )
 
 
+def require_metres(
+    target: Float[np.ndarray, "*observed 3"], where: str, settings: SimulationSettings | None = None
+) -> None:
+    """Refuses positions far beyond the domain, the unit box unless `settings` say another."""
+    seen = target[np.isfinite(target)]
+    if not len(seen):
+        raise UserError(f"{where}: no position was observed, all are NaN; accepted: at least one")
+    domain = UNIT_BOX if settings is None else settings.domain
+    if domain is None:
+        return
+    low, high = min(domain[0]), max(domain[1])
+    if seen.min() < low - BEYOND or seen.max() > high + BEYOND:
+        far = seen[np.argmax(np.abs(seen - 0.5 * (low + high)))]
+        size = f"{high - low:g} m" if domain == UNIT_BOX else f"{low:g} to {high:g} m"
+        raise UserError(
+            f"{where}: holds the coordinate {far:.4g}, far beyond the domain of {size}; metres expected"
+            f"{length_hint(seen) if domain == UNIT_BOX else ''}"
+        )
+
+
 def write_table(
     path: str | Path,
     time: Float[np.ndarray, " frames"],
@@ -177,26 +197,6 @@ def write_table(
                 cells = ("" if math.isnan(x) else f"{x:.{digits}g}" for x in coordinates)
                 rows.writerow((f"{t:.{time_digits}g}", name, *cells))
         unfinished.write(text.getvalue().encode())
-
-
-def _require_metres(
-    target: Float[np.ndarray, "frames markers 3"], where: str, settings: SimulationSettings | None = None
-) -> None:
-    """Refuses positions far beyond the domain, the unit box unless `settings` say another."""
-    seen = target[np.isfinite(target)]
-    if not len(seen):
-        raise UserError(f"{where}: no position was observed, all are NaN; accepted: at least one")
-    domain = UNIT_BOX if settings is None else settings.domain
-    if domain is None:
-        return
-    low, high = min(domain[0]), max(domain[1])
-    if seen.min() < low - BEYOND or seen.max() > high + BEYOND:
-        far = seen[np.argmax(np.abs(seen - 0.5 * (low + high)))]
-        size = f"{high - low:g} m" if domain == UNIT_BOX else f"{low:g} to {high:g} m"
-        raise UserError(
-            f"{where}: holds the coordinate {far:.4g}, far beyond the domain of {size}; metres expected"
-            f"{length_hint(seen) if domain == UNIT_BOX else ''}"
-        )
 
 
 def _name_empty(where: str, target: Float[np.ndarray, "frames markers 3"]) -> None:

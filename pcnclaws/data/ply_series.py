@@ -43,6 +43,24 @@ def read_ply_series(path: Path, material: str) -> SceneRecord:
     as properties, and in its header a line 'comment time SECONDS', or the line of our own export.
     raises  UserError, one line, for whatever is wrong with a file
     """
+    files = _series(path)
+    unread: list[str] = []
+    frames = [_frame(file, unread) for file in files]
+    name_unread(path, unread)
+    return record_of(frames, path, path.stem.replace("*", "").strip("_-. ") or "series", material)
+
+
+def read_cloud_series(path: Path) -> list[tuple[float, "Cloud"]]:
+    """Times [s] and point clouds of the files NAME_*.ply, in the order of their numbers.
+
+    raises  UserError, one line, for whatever is wrong with a file
+    """
+    clouds = [(file, read_ply(file)) for file in _series(path)]
+    return [(_time(file, cloud), cloud) for file, cloud in clouds]
+
+
+def _series(path: Path) -> list[Path]:
+    """The files of a series, in the order of their numbers."""
     if "*" not in path.name:
         raise UserError(f"{path}: is one frame; accepted: the series, such as {path.stem.rstrip('0123456789')}*.ply")
     if "*" in str(path.parent) or not path.parent.is_dir():
@@ -51,10 +69,7 @@ def read_ply_series(path: Path, material: str) -> SceneRecord:
     if not 1 <= len(files) <= MOST_FILES:
         raise UserError(f"{path}: matches {len(files)} files; accepted: 1 to {MOST_FILES}")
     require_room(sum(file.stat().st_size for file in files), str(path))
-    unread: list[str] = []
-    frames = [_frame(file, unread) for file in files]
-    name_unread(path, unread)
-    return record_of(frames, path, path.stem.replace("*", "").strip("_-. ") or "series", material)
+    return files
 
 
 def _number(path: Path) -> tuple[list[int], str]:
@@ -63,10 +78,14 @@ def _number(path: Path) -> tuple[list[int], str]:
 
 def _frame(path: Path, unread: list[str]) -> Frame:
     cloud = read_ply(path)
+    unread += cloud.unread
+    return Frame(_time(path, cloud), cloud.position, cloud.fields, cloud.notes)
+
+
+def _time(path: Path, cloud: "Cloud") -> float:
     if "time" not in cloud.notes:
         raise UserError(f"{path}: does not say its time; accepted: a line 'comment time SECONDS' in its header")
-    unread += cloud.unread
-    return Frame(_seconds(cloud.notes["time"], path), cloud.position, cloud.fields, cloud.notes)
+    return _seconds(cloud.notes["time"], path)
 
 
 class Cloud(NamedTuple):

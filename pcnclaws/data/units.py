@@ -63,6 +63,11 @@ def check_motion(
     acceleration = flight_acceleration(time, position, settings, position[0] if body is None else body)
     if acceleration is not None:
         _check_acceleration(where, time, *acceleration, np.array(settings.gravity))
+    check_steps(where, time, settings)
+
+
+def check_steps(where: str, time: Float[np.ndarray, " frames"], settings: SimulationSettings) -> None:
+    """Looks at the number of steps of a motion: UserError for less than one and for far too many."""
     steps = float(time[-1]) / settings.time_step
     if len(time) > 1 and (steps < 1.0 or steps > DOUBTFUL_STEPS):
         what = f"{where}: its times span {time[-1]:.4g} s, {steps:.3g} steps of {settings.time_step:g} s"

@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from pcnclaws.data.observation import Observation
+from pcnclaws.data.observation import Observation, ObservedPoints
 from pcnclaws.estimation.first_frame import Rest, local_deformation, without_first_error
 from pcnclaws.estimation.problem import EstimationProblem
-from pcnclaws.estimation.scatter import FEWEST, Scatter, given_scatter, scatter_of
+from pcnclaws.estimation.scatter import FEWEST, Scatter, given_scatter, scatter_of, scatter_on_surface
 from pcnclaws.estimation.uncertainty import Uncertainty
 from pcnclaws.layout import vectors_last
 
@@ -30,6 +30,8 @@ GRID_SHARE = 1e-3
 AT_START = 1e-6
 # So many of the markers, holding so much of the squared residual, are another fault than that of the model.
 FEW_MARKERS, THEIR_SHARE = 0.125, 0.5
+# Points farther from the surface than so many times their scatter are none of its points.
+STRAY = 6.0
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,8 @@ class Fit:
                none where the motion is fitted
     freedom    observed coordinates that tell something, less the numbers that are estimated
     fitted     whether the model explains the motion; None where that cannot be told
+    stray      points without labels that are farther from the surface than their scatter explains, where they hold most
+               of the squared residual
     """
 
     residual: float
@@ -54,6 +58,7 @@ class Fit:
     odd: tuple[int, ...]
     freedom: int
     fitted: bool | None
+    stray: int = 0
 
     @property
     def has_intervals(self) -> bool:
@@ -69,10 +74,12 @@ def fit_of(
     noise  standard deviation of each observed coordinate [m], None where it is not known
     """
     observation = problem.observation
+    if observation.points is not None:
+        return _fit_of_points(observation.points, problem, u, found, noise)
     later = observation.time > AT_START
     field = _field(observation, found.residual)[later]
     size = float(np.sqrt(np.nanmean(np.square(field)))) if np.isfinite(field).any() else 0.0
-    tolerance = max(LAW_MARGIN * found.law_error, GRID_SHARE * observation.settings.grid_spacing)
+    tolerance = _tolerance(problem, found)
     if noise is None:
         scatter = scatter_of(observation.time[later], (field, observation.target[later]), observation.places)
     else:
@@ -94,6 +101,57 @@ def fit_of(
         freedom=found.freedom,
         fitted=fitted,
     )
+
+
+def _fit_of_points(
+    points: ObservedPoints,
+    problem: EstimationProblem,
+    u: Float[np.ndarray, " unknowns"],
+    found: Uncertainty,
+    noise: float | None,
+) -> Fit:
+    """As fit_of, of points: each tells its distance from the surface, and no error of the first frame is in it."""
+    patch, residual = problem.parts(u), found.residual
+    scatter = given_scatter(noise) if noise else scatter_on_surface(residual, points.position, points.frame, patch)
+    tolerance, square = _tolerance(problem, found), float(np.mean(np.square(residual)))
+    covariance = _neighbouring_patches(residual, points.frame, patch)
+    fitted = None
+    if found.freedom > 0:
+        fitted = square <= tolerance**2 or _fitted(square, covariance, scatter, tolerance)
+    return Fit(
+        residual=float(np.sqrt(square)),
+        scatter=scatter,
+        alike=covariance / square if square > 0.0 else None,
+        tolerance=tolerance,
+        odd=(),
+        freedom=found.freedom,
+        fitted=fitted,
+        stray=_stray(residual, scatter) if fitted is False else 0,
+    )
+
+
+def _stray(residual: np.ndarray, scatter: Scatter | None) -> int:
+    """How many points are stray; 0 where the others hold most of the squared residual."""
+    if scatter is None:
+        return 0
+    stray = np.abs(residual) > STRAY * scatter.largest
+    return int(stray.sum()) if np.square(residual[stray]).sum() > THEIR_SHARE * np.square(residual).sum() else 0
+
+
+def _neighbouring_patches(residual: np.ndarray, frame: np.ndarray, patch: np.ndarray) -> float:
+    """Covariance [m^2] of the mean residuals of a patch in neighbouring frames, as if of single points; 0 for few."""
+    total, count = np.zeros((2, int(frame.max()) + 1, int(patch.max()) + 1))
+    np.add.at(total, (frame, patch), residual)
+    np.add.at(count, (frame, patch), 1.0)
+    mean = total / np.maximum(count, 1.0)
+    weight = np.minimum(count[:-1], count[1:])
+    if np.count_nonzero(weight) < FEWEST:
+        return 0.0
+    return float(np.average(mean[:-1] * mean[1:], weights=weight))
+
+
+def _tolerance(problem: EstimationProblem, found: Uncertainty) -> float:
+    return max(LAW_MARGIN * found.law_error, GRID_SHARE * problem.observation.settings.grid_spacing)
 
 
 def _field(observation: Observation, residual: np.ndarray) -> Float[np.ndarray, "frames markers 3"]:

@@ -14,7 +14,8 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from pcnclaws.data.observation import Observation
-from pcnclaws.estimation.unknowns import TIME_OFFSET, Unknowns
+from pcnclaws.estimation.comparison import Assignment, comparison_of, rates_of_offset
+from pcnclaws.estimation.unknowns import SURFACE_OFFSET, TIME_OFFSET, Unknowns
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.layout import matrices_first, matrices_last, vectors_first, vectors_last
 from pcnclaws.mpm.state import ParticleState, Scenes
@@ -34,14 +35,14 @@ AT_STEP = 1e-3
 class Linearisation(NamedTuple):
     """The motion around some coordinates.
 
-    residual  simulated less observed positions [m], (observed coordinates,)
-    jacobian  its change with the coordinates [m], (unknowns, observed coordinates)
-    marker    the marker of each row, (observed coordinates,)
+    residual  simulated less observed positions [m], (rows,): coordinates of markers, or distances of points
+    jacobian  its change with the coordinates [m], (unknowns, rows)
+    part      the marker, or the patch of the surface, of each row, (rows,)
     """
 
     residual: Float[np.ndarray, " rows"]
     jacobian: Float[np.ndarray, "unknowns rows"]
-    marker: np.ndarray
+    part: np.ndarray
 
     @property
     def mse(self) -> float:
@@ -81,8 +82,7 @@ class EstimationProblem:
         self._density = None if observation.density is None else self._tensor(observation.density)
         self._particle = torch.from_numpy(np.ascontiguousarray(observation.particle))
         self._weight = self._tensor(observation.weight)
-        self._seen = torch.from_numpy(observation.seen)[:, None, :].expand(-1, 3, -1)
-        self._target = self._tensor(vectors_first(np.nan_to_num(observation.target)))
+        self.comparison = comparison_of(observation, self.dtype)
         self._rigid = {k: vectors_first(self._rigid_motion(k)) for k in unknowns.motion}
         self._gradient = {k: self._rigid_gradient(k) for k in unknowns.motion if observation.spins_have_gradient}
 
@@ -98,30 +98,27 @@ class EstimationProblem:
             with torch.no_grad():
                 motion = self._observed(values, [None] * len(chunk))
             for k, one in zip(chunk, motion.unbind(2), strict=True):
-                mean = float((one - self._target)[self._seen].double().square().mean())
+                residual = self._assigned(one, self.unknowns.values(candidates[k])).residual(one)
+                mean = float(residual.double().square().mean())
                 found[k] = mean if np.isfinite(mean) else np.inf
         return [float(value) for value in found if value is not None]
 
     def linearise(self, u: Float[np.ndarray, " unknowns"]) -> Linearisation:
         """The residual and its exact Jacobian at some coordinates."""
         values, slopes = self.unknowns.values(u), self.unknowns.slopes(u)
-        physical, motion = self.unknowns.physical, self.unknowns.motion
-        rows = int(self._seen.sum())
+        rows = self.comparison.rows
         jacobian = np.zeros((len(u), rows))
-        residual = np.full(rows, np.inf)
-        if self.instability(u) <= 1.0:
-            # apart: a body whose start velocity is sought has no free fall to skip
-            for group in (physical, motion):
-                for first in range(0, len(group), self._copies):
-                    chunk = group[first : first + self._copies]
-                    found, rates = self._forward_mode(values, slopes, chunk)
-                    for k, rate in zip(chunk, rates.unbind(2), strict=True):
-                        jacobian[k] = self._rows(rate)
-                    residual = self._rows(found[:, :, 0] - self._target)
-            for k in self.unknowns.index(TIME_OFFSET):
-                jacobian[k] = slopes[k] * self._rows(self._velocity(values))
-        marker = torch.arange(self._target.shape[2]).expand_as(self._seen)[self._seen].numpy()
-        return Linearisation(residual, jacobian, marker)
+        if self.instability(u) > 1.0:
+            return Linearisation(np.full(rows, np.inf), jacobian, np.zeros(rows, dtype=np.int64))
+        found, rates = self._rates(values, slopes)
+        for k in self.unknowns.index(TIME_OFFSET):
+            rates[k] = slopes[k] * self._velocity(values)
+        for k in self.unknowns.index(SURFACE_OFFSET):
+            rates[k] = slopes[k] * rates_of_offset(found)
+        assignment = self._assigned(found, values)
+        for k, rate in rates.items():
+            jacobian[k] = assignment.change(rate).double().numpy()
+        return Linearisation(assignment.residual(found).double().numpy(), jacobian, assignment.part)
 
     def loss(self, coordinates: Float[Tensor, " unknowns"]) -> Float[Tensor, ""]:
         """Mean squared distance [m^2] as a differentiable function of the coordinates, in reverse mode."""
@@ -144,13 +141,29 @@ class EstimationProblem:
         state = ParticleState.at_rest_shape(self._position, velocity, affine)
         found = self._positions(SceneBatch(state, self._scenes(1), parameters), plan)
         motion = self._at_frames(found[:, :, None, :], plan)[:, :, 0]
-        return (motion - self._target)[self._seen].square().mean()
+        for k in self.unknowns.index(SURFACE_OFFSET):
+            motion = motion + (free[k] - values[k]).to(self.dtype) * rates_of_offset(motion)
+        return self._assigned(motion, values).residual(motion).square().mean()
 
     def motion(self, u: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, "frames markers 3"]:
         """Simulated positions of the markers at the frames [m]."""
         with torch.no_grad():
             found = self._observed([self.unknowns.values(u)], [None])
         return vectors_last(found[:, :, 0])
+
+    def beside(self, u: Float[np.ndarray, " unknowns"]) -> tuple[np.ndarray, np.ndarray]:
+        """What was observed, and where the simulation puts it [m], each (frames, positions, 3)."""
+        values = self.unknowns.values(u)
+        with torch.no_grad():
+            found = self._observed([values], [None])
+        return self.comparison.beside(found[:, :, 0], self._surface_offset(values))
+
+    def parts(self, u: Float[np.ndarray, " unknowns"]) -> np.ndarray:
+        """The part of the body that each row tells of: Linearisation.part, without a Jacobian."""
+        values = self.unknowns.values(u)
+        with torch.no_grad():
+            found = self._observed([values], [None])
+        return self._assigned(found[:, :, 0], values).part
 
     def start(self, u: Float[np.ndarray, " unknowns"]) -> SceneStart:
         """Where the scene starts."""
@@ -177,6 +190,18 @@ class EstimationProblem:
     @property
     def _copies(self) -> int:
         return max(PARTICLES_AT_ONCE // self._position.shape[1], 1)
+
+    def _rates(self, values: np.ndarray, slopes: np.ndarray) -> tuple[Tensor, dict[int, Tensor]]:
+        """Positions of the markers (frames, 3, markers), and their rates for parameters and start velocities."""
+        found, of_unknown = torch.empty(0), {}
+        # apart: a body whose start velocity is sought has no free fall to skip
+        for group in (self.unknowns.physical, self.unknowns.motion):
+            for first in range(0, len(group), self._copies):
+                chunk = group[first : first + self._copies]
+                copies, rates = self._forward_mode(values, slopes, chunk)
+                found = copies[:, :, 0]
+                of_unknown |= dict(zip(chunk, rates.unbind(2), strict=True))
+        return found, of_unknown
 
     def _forward_mode(self, values: np.ndarray, slopes: np.ndarray, chunk: Sequence[int]) -> tuple[Tensor, Tensor]:
         """Positions of the markers and their rates, (frames, 3, copies, markers); copy k carries unknown chunk[k]."""
@@ -264,9 +289,12 @@ class EstimationProblem:
             markers = self._markers(self._simulated([values], [None], plan))
         return (markers[plan.after] - markers[plan.before])[:, :, 0] / self.observation.settings.time_step
 
-    def _rows(self, field: Tensor) -> np.ndarray:
-        """The observed coordinates of a field (frames, 3, markers)."""
-        return field[self._seen].double().numpy()
+    def _assigned(self, motion: Tensor, values: np.ndarray) -> Assignment:
+        """The observed assigned to a motion (frames, 3, markers)."""
+        return self.comparison.assigned(motion, self._surface_offset(values))
+
+    def _surface_offset(self, values: np.ndarray) -> float:
+        return float(sum(values[k] for k in self.unknowns.index(SURFACE_OFFSET)))
 
     def _start_velocity(self, values: np.ndarray) -> Tensor:
         known = self.observation.initial_velocity

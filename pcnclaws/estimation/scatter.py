@@ -7,7 +7,8 @@ are independent: the smallest one is the best.
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int64
+from scipy.spatial import KDTree
 
 # Orders of the differences in time: a low one needs fewer frames, a high one sees less of a curved path.
 ORDERS = (2, 3, 4, 5)
@@ -65,6 +66,30 @@ def scatter_of(
     if len(rest) >= FEWEST:
         found.append(Scatter(_deviation(rest), len(rest), "neighbouring markers"))
     return min(found, key=lambda one: one.largest, default=None)
+
+
+def scatter_on_surface(
+    residual: Float[np.ndarray, " points"],
+    place: Float[np.ndarray, "points 3"],
+    frame: Int64[np.ndarray, " points"],
+    patch: Int64[np.ndarray, " points"],
+) -> Scatter | None:
+    """The scatter of points across a surface: differences of neighbours in a frame and a patch of the surface.
+
+    None where points are too few. A residual that is smooth in space is nearly the same for neighbours.
+    residual  distances of the points from the simulated surface [m]
+    place     of the points [m]
+    """
+    if len(place) < FEWEST:
+        return None
+    apart = 10.0 * float(np.ptp(place, axis=0).max())  # points of another frame or patch are no neighbours
+    lifted = np.column_stack((place, apart * frame, apart * patch))
+    distance, found = (np.asarray(one)[:, 1] for one in KDTree(lifted).query(lifted, k=2))
+    near = distance < apart
+    if near.sum() < FEWEST:
+        return None
+    differences = (residual - residual[found])[near] / np.sqrt(2.0)
+    return Scatter(_deviation(differences), len(differences), "neighbouring points")
 
 
 def _deviation(differences: Float[np.ndarray, " differences"]) -> float:

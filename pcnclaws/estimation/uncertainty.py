@@ -135,7 +135,7 @@ def _clustering(at: Linearisation, inverse: np.ndarray, noise: float, felt: np.n
     """By how much the errors of one marker at different times, which are alike, widen the variances; at least 1."""
     if not felt.any():
         return 1.0
-    scores = np.stack([np.bincount(at.marker, row * at.residual) for row in at.jacobian[felt]])
+    scores = np.stack([np.bincount(at.part, row * at.residual) for row in at.jacobian[felt]])
     part = inverse[np.ix_(felt, felt)]
     robust = part @ (scores @ scores.T) @ part
     return max(1.0, float(np.max(np.diag(robust) / (noise**2 * np.diag(part)))))

@@ -19,10 +19,12 @@ from pcnclaws.geometry.velocity_gradients import spin_gradient
 from pcnclaws.laws.parameters import PARAMETERS
 
 VARIATIONS = ("uniform", "bodies", "x", "y", "z")
-# Scales of start velocities [m/s], spins [rad/s] and the offset of the clock [s]: changes of this size matter alike.
-VELOCITY_SCALE, SPIN_SCALE, OFFSET_SCALE = 1.0, 4.0, 1e-2
+# Scales of start velocities [m/s], spins [rad/s], the offset of the clock [s] and of the surface [m]: changes of this
+# size matter alike.
+VELOCITY_SCALE, SPIN_SCALE, OFFSET_SCALE, SURFACE_SCALE = 1.0, 4.0, 1e-2, 1e-2
 MOTION = ("velocity_x", "velocity_y", "velocity_z", "spin_x", "spin_y", "spin_z")
 TIME_OFFSET = "time_offset"
+SURFACE_OFFSET = "surface_offset"
 
 
 @dataclass(frozen=True)
@@ -41,8 +43,8 @@ class Component:
 class Unknown:
     """One number that is sought.
 
-    name       youngs_modulus, ...; velocity_x, ..., spin_z; time_offset
-    component  the part of the scene that it belongs to, None for the clock
+    name       youngs_modulus, ...; velocity_x, ..., spin_z; time_offset, surface_offset
+    component  the part of the scene that it belongs to, None for the clock and the surface
     """
 
     name: str
@@ -142,16 +144,18 @@ def make_unknowns(
     *,
     motion: bool,
     time_offset: bool,
+    surface_offset: bool = False,
 ) -> Unknowns:
     """The unknowns of a scene.
 
-    names        physical parameters of the material
-    fixed        those of them that are known, by name
-    components   where the physical parameters vary
-    bodies       each of which moves on its own
-    motion       whether start velocities and spins are sought, too
-    time_offset  whether the clock of the observation is
-    raises       UserError where nothing is left to estimate
+    names           physical parameters of the material
+    fixed           those of them that are known, by name
+    components      where the physical parameters vary
+    bodies          each of which moves on its own
+    motion          whether start velocities and spins are sought, too
+    time_offset     whether the clock of the observation is
+    surface_offset  whether it is sought how far the surface is from where the volume of the body puts it
+    raises          UserError where nothing is left to estimate
     """
     for name in fixed:
         if name not in names:
@@ -165,6 +169,8 @@ def make_unknowns(
         sought += [Unknown(name, body, Free(scale)) for body in bodies for name, scale in scales.items()]
     if time_offset:
         sought.append(Unknown(TIME_OFFSET, None, Free(OFFSET_SCALE)))
+    if surface_offset:
+        sought.append(Unknown(SURFACE_OFFSET, None, Free(SURFACE_SCALE)))
     particles = len(components[0].share)
     return Unknowns(tuple(sought), {name: np.full(particles, value) for name, value in fixed.items()})
 

@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 from scipy.ndimage import distance_transform_edt
 
 from pcnclaws.errors import UserError
+from pcnclaws.geometry.closest_points import Points, closest_points
 from pcnclaws.geometry.meshes import ClosedSurface, require_parts_apart
 from pcnclaws.geometry.winding import lattice_winding
 
@@ -16,8 +17,6 @@ MARGIN = 2
 # nearest to the nearest of such nodes.
 BAND = 2
 PAIRS_AT_A_TIME = 1_000_000
-
-Points = Float[np.ndarray, "points 3"]
 
 
 class SampledSurface(NamedTuple):
@@ -61,7 +60,7 @@ def _distances(
         nearest = np.array(distance_transform_edt(unknown, return_distances=False, return_indices=True))
         far = np.flatnonzero(unknown)
         face = owner[np.ravel_multi_index(tuple(nearest.reshape(3, -1)[:, far]), tuple(counts))]
-        squared[far] = np.square(nodes[far] - _closest_points(nodes[far], triangles[face])).sum(1)
+        squared[far] = np.square(nodes[far] - closest_points(nodes[far], triangles[face])).sum(1)
     return np.sqrt(squared)
 
 
@@ -82,30 +81,9 @@ def _near(
         y, z = np.divmod(rest, sizes[face, 2])
         i, j, k = first[face].T
         node = ((i + x) * counts[1] + j + y) * counts[2] + k + z
-        found = _closest_points(nodes[node], triangles[face])
+        found = closest_points(nodes[node], triangles[face])
         distance = np.square(nodes[node] - found).sum(1)
         np.minimum.at(squared, node, distance)
         front = distance == squared[node]
         owner[node[front]] = face[front]
     return squared, owner
-
-
-def _closest_points(points: Points, triangles: Float[np.ndarray, "points 3 3"]) -> Points:
-    """The point of each triangle that is nearest to each point: on its inside, or else on one of its edges."""
-    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
-    normal = np.cross(b - a, c - a)
-    area = np.maximum(np.square(normal).sum(1, keepdims=True), 1e-300)
-    on_plane = points - (np.sum((points - a) * normal, 1, keepdims=True) / area) * normal
-    best = on_plane.copy()
-    least = np.full(len(points), np.inf)
-    inside = np.ones(len(points), dtype=bool)
-    for begin, end in ((a, b), (b, c), (c, a)):
-        edge, to_point = end - begin, points - begin
-        inside &= np.sum(np.cross(edge, on_plane - begin) * normal, 1) > 0.0
-        length = np.maximum(np.square(edge).sum(1), 1e-300)
-        share = np.clip(np.sum(to_point * edge, 1) / length, 0.0, 1.0)
-        on_edge = begin + share[:, None] * edge
-        distance = np.square(points - on_edge).sum(1)
-        nearer = distance < least
-        best[nearer], least[nearer] = on_edge[nearer], distance[nearer]
-    return np.where(inside[:, None], on_plane, best)

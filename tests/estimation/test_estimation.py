@@ -151,9 +151,7 @@ def test_a_law_error_of_one_kind_moves_estimates_as_far_as_it_says() -> None:
     deviation = np.sqrt(np.diag(found.covariance))
     np.testing.assert_allclose(projected_error(at, deviation), 1e-4, rtol=1e-2)
     # however many positions there are, an error of the law is not averaged out
-    twice = at._replace(
-        residual=np.tile(at.residual, 2), jacobian=np.tile(at.jacobian, 2), marker=np.tile(at.marker, 2)
-    )
+    twice = at._replace(residual=np.tile(at.residual, 2), jacobian=np.tile(at.jacobian, 2), part=np.tile(at.part, 2))
     again = uncertainty(twice, problem.unknowns, truth, 1e-4)
     np.testing.assert_allclose(np.sqrt(np.diag(again.covariance)), deviation, rtol=1e-2)
 
