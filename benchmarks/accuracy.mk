@@ -12,28 +12,29 @@ shown_outside_range := map
 
 # options of the training of each row
 multi := training=thorough
-quick :=
-single := regime=single_scene training.iterations=400
+short :=
+quick := training=keyframes
+single := training=keyframes regime=single_scene training.iterations=400
 paper_training = training=$(if $(filter elasticity,$(1)),paper,paper_plastic)
 multi_paper = model=pcnclaws_paper $(paper_training)
 single_paper = model=pcnclaws_paper $(paper_training) regime=single_scene training.iterations=600
 multi_positions := training=initial
 long_positions := training=initial training.iterations=360
 free_flow_positions := $(long_positions) model=pcnclaws_free_flow
-structure := training.iterations=0
+structure := training=keyframes training.iterations=0
 energy := model=pcnclaws_energy training=gauss_newton data.speed=9 data.spin=8
-no_prior := model=pcnclaws_no_prior training.iterations=400
-scenes_4 := data.train_scenes=4
-scenes_8 := data.train_scenes=8
-scenes_24 := data.train_scenes=24
-seed_1 := seed=1
-seed_2 := seed=2
+no_prior := training=keyframes model=pcnclaws_no_prior training.iterations=400
+scenes_4 := training=keyframes data.train_scenes=4
+scenes_8 := training=keyframes data.train_scenes=8
+scenes_24 := training=keyframes data.train_scenes=24
+SEEDS := seed_1 seed_2 seed_3 seed_4 seed_5 seed_6 seed_7
+$(foreach name,$(SEEDS),$(eval $(name) := $(subst _,=,$(name))))
 # as many simulated steps as `quick`
-try_absolute_loss := training.loss=absolute
-try_segments_of_100_steps := training.segment_length.first=100 training.segment_length.last=100 training.iterations=40
-try_batches_of_20 := training.batch_segments=20 training.iterations=40
-try_double_precision := precision=float64
-try_width_128 := model.width=128
+try_absolute_loss := training=keyframes training.loss=absolute
+try_segments_of_100_steps := training=keyframes training.segment_length.first=100 training.segment_length.last=100 training.iterations=40
+try_batches_of_20 := training=keyframes training.batch_segments=20 training.iterations=40
+try_double_precision := training=keyframes precision=float64
+try_width_128 := training=keyframes model.width=128
 VARIATIONS := try_absolute_loss try_segments_of_100_steps try_batches_of_20 try_double_precision try_width_128
 
 # tasks that each row is asked for
@@ -54,8 +55,7 @@ tasks_quick := $(BRIEF)
 tasks_scenes_4 := unseen
 tasks_scenes_8 := unseen
 tasks_scenes_24 := unseen
-tasks_seed_1 := $(BRIEF)
-tasks_seed_2 := $(BRIEF)
+$(foreach name,short $(SEEDS),$(eval tasks_$(name) := $(BRIEF)))
 $(foreach name,$(VARIATIONS),$(eval tasks_$(name) := unseen))
 # a law of one scene is asked about its own one
 evaluation_single := task.scene=train-00
@@ -94,9 +94,9 @@ rows = $(foreach name,$(1),$(foreach material,$(2),$(eval $(call row,$(material)
 $(call rows,multi single,$(FAMILY))
 $(call rows,multi_positions structure,$(FAMILY) $(OUTSIDERS))
 $(call rows,long_positions free_flow_positions,tresca)
-$(call rows,quick no_prior multi_paper single_paper scenes_4 scenes_8 scenes_24,$(FAMILY))
+$(call rows,short quick no_prior multi_paper single_paper scenes_4 scenes_8 scenes_24,$(FAMILY))
 $(call rows,energy,elasticity)
-$(call rows,seed_1 seed_2,sand)
+$(call rows,$(SEEDS),sand)
 $(call rows,$(VARIATIONS),elasticity sand)
 
 .PHONY: accuracy
