@@ -40,7 +40,7 @@ def training_scenes_section(results: Results, picture: str) -> list[str]:
         return []
     counts = sorted({count for known in found.values() for count in known})
     lines = [[str(count), *(error(known.get(count)) for known in found.values())] for count in counts]
-    text = "Error on `unseen` of laws that were trained on so many scenes, all else as in the 200 iterations of `training=keyframes`."
+    text = "Error on `unseen` of laws that were trained on so many scenes, all else as with `training=keyframes`."
     return ["## Training scenes", text, f"!{picture}", table(["scenes", *map(words, found)], lines)]
 
 

@@ -42,6 +42,10 @@ SMOKE = {
         *("problem.pairs=[mohr_coulomb]", "problem.scenes=1", "problem.fine_tuning=[1]", "problem.training=[1]"),
         "problem.steps=20",
     ],
+    "imperfect_data": [
+        *("problem.cases=[false_robust,noise]", "problem.scenes=4", "problem.iterations=4", "problem.steps=160"),
+        "problem.iterations_from_positions=1",
+    ],
     "transfers": [
         *("problem.transfers=[apic,axpic2]", "problem.cells=4", "problem.cfl=[0.2]", "problem.periods=1"),
         *("problem.long_cfl=0.4", "problem.long_periods=2", "problem.scenes=1", "problem.steps=2", "problem.samples=1"),
@@ -53,7 +57,7 @@ SMOKE = {
 }
 
 
-DEAR = ("data_parallel", "own_laws", "fine_tuning", "training", "scaling", "step_cost", "skips")
+DEAR = ("data_parallel", "own_laws", "fine_tuning", "imperfect_data", "training", "scaling", "step_cost", "skips")
 
 
 def check_own_laws(results: dict) -> None:
@@ -118,9 +122,17 @@ def check_fine_tuning(results: dict) -> None:
     assert rows["shipped", 0]["old"] < 1e-8 < rows["nothing", 1]["old"], "the shipped law knows its own material"
 
 
+def check_imperfect_data(results: dict) -> None:
+    assert [row["case"] for row in results["rows"]] == ["false_robust", "noise"]
+    for row in results["rows"]:
+        assert len(row["scenes"]) == 3
+        assert 0.0 < row["unseen"] == pytest.approx(sum(row["scenes"]) / 3)
+
+
 CHECKS = {
     "data_parallel": check_data_parallel,
     "fine_tuning": check_fine_tuning,
+    "imperfect_data": check_imperfect_data,
     "own_laws": check_own_laws,
     "step_cost": check_step_cost,
     "scaling": check_scaling,
