@@ -162,6 +162,15 @@ def file_options(group: str, choice: str) -> dict[str, Any]:
     return dict(leaves(options))
 
 
+def whole_file_options(group: str, choice: str) -> dict[str, Any]:
+    """The options of one file of a group, with those of the files of the group that it builds on."""
+    bases = [base for base in _file(f"{group}/{choice}").get("defaults", []) if base != "_self_"]
+    options: dict[str, Any] = {}
+    for base in bases:
+        options |= whole_file_options(group, base)
+    return options | file_options(group, choice)
+
+
 def _file(name: str) -> dict[str, Any]:
     options = OmegaConf.load(conf_folder() / f"{name}.yaml")
     return cast(dict[str, Any], OmegaConf.to_container(options, resolve=False))

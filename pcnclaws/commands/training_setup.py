@@ -207,5 +207,5 @@ def _noise(config: TrainConfig) -> float:
     return noise
 
 
-def _number_or_none(value: float | None) -> float | None:
+def _number_or_none(value: float | int | None) -> float | None:
     return None if value is None else float(value)

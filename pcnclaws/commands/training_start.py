@@ -5,8 +5,9 @@ from dataclasses import replace
 from functools import reduce
 from operator import getitem
 
-from pcnclaws.commands.composition import file_options, stated_options
+from pcnclaws.commands.composition import stated_options, whole_file_options
 from pcnclaws.commands.configuration import whole_number
+from pcnclaws.commands.options import leaves
 from pcnclaws.commands.typed import plain, typed
 from pcnclaws.commands.typed_configs import TrainConfig
 from pcnclaws.commands.typed_groups import Training
@@ -34,11 +35,12 @@ def settled_start(
     reason = _no_keyframes(scenes) if scenes is not None else _no_keyframes_made(config)
     if reason is None:
         return config, ()
-    stated, others = stated_options(GROUP), file_options(GROUP, WITHOUT_KEYFRAMES)
+    stated, others = stated_options(GROUP), whole_file_options(GROUP, WITHOUT_KEYFRAMES)
+    now = dict(leaves(plain(config.training)))
     settings = {
         option: value
         for option, value in others.items()
-        if not any(option == name or option.startswith(f"{name}.") for name in stated)
+        if value != now.get(option) and not any(option == name or option.startswith(f"{name}.") for name in stated)
     }
     if "start" not in settings:
         raise UserError(
