@@ -13,7 +13,7 @@ NOTHING = {"file": "a.csv", "scene": None, "units": None, "frame": None, "start"
 
 
 def said(**options: Any) -> Observed:
-    return Observed(**{**NOTHING, **options})
+    return Observed(**{"kind": "markers", **NOTHING, **options})
 
 
 def test_options_say_units_frame_and_start() -> None:

@@ -1,6 +1,7 @@
 """Every configuration that ships composes, and says what its comments say."""
 
 import re
+import shlex
 from itertools import product
 from pathlib import Path
 
@@ -143,7 +144,7 @@ def test_the_readme_names_commands_that_exist():
     commands = re.findall(r"python -m pcnclaws\.(\w+)([^\n#`]*)", text)
     assert commands
     for entry, arguments in commands:
-        compose_config(entry, [argument for argument in arguments.split() if not argument.startswith("-")])
+        compose_config(entry, [argument for argument in shlex.split(arguments) if not argument.startswith("-")])
     makefile = "\n".join((Path(__file__).parents[2] / name).read_text() for name in MAKEFILES)
     for target in re.findall(r"`?make ([a-z-]+)`?", text):
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
