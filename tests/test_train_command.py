@@ -223,6 +223,7 @@ def test_wrong_input_is_one_line_and_leaves_nothing(
         ((file, "trainer.max_epochs=3"), "trainer.max_epochs is not accepted; accepted: training.iterations"),
         ((file, "trainer.precision=7"), "trainer.precision=7: "),
         ((file, "trainer.limit_val_batches=nan"), "accepted: finite numbers"),
+        ((file, "training.average=-1"), "training.average=-1.0 is not accepted; accepted: a number from 0"),
         ((file, "callbacks.early_stopping.patience=0"), "callbacks.early_stopping.patience=0 is not accepted"),
         ((file, "logger=tensorbord"), "did you mean 'tensorboard'"),
         ((file, "logger.name=mlflow"), "logger.name='mlflow' is not known; accepted: csv, tensorboard, wandb"),

@@ -13,6 +13,7 @@ from lightning.pytorch.callbacks import EarlyStopping
 from lightning.pytorch.loggers import CSVLogger, Logger, TensorBoardLogger, WandbLogger
 
 from pcnclaws.errors import UserError, not_installed, unknown_name
+from pcnclaws.training.averaging import AveragedWeights
 from pcnclaws.training.dashboard import Dashboard
 
 LOGGERS = ("tensorboard", "csv", "wandb")
@@ -70,6 +71,8 @@ class Loop:
             raise unknown_name("logger.name", self.logger, LOGGERS)
         if self.logger == "wandb" and find_spec("wandb") is None:
             raise not_installed("logger=wandb", "wandb", "wandb", "logger=tensorboard or logger=csv")
+        if self.average is not None:
+            AveragedWeights(self.average)  # refuses what is none
         if not self.min_delta >= 0.0:
             raise UserError(
                 f"callbacks.early_stopping.min_delta={self.min_delta} is not accepted; accepted: a number from 0 [m^2]"
