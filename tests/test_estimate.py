@@ -276,12 +276,6 @@ def test_two_bodies_of_different_stiffness_are_told_at_once(estimated, tmp_path)
     assert outcome.status == 0, outcome.err
     found = json.loads((tmp_path / "new" / "e.json").read_text())["parameters"]
     assert [found[f"youngs_modulus[body_{k}]"]["estimate"] for k in (0, 1)] == pytest.approx([1e5, 1.5e5], rel=1e-3)
-    shown = EventAccumulator(str(tmp_path / "new" / "e" / "tensorboard")).Reload()
-    for name in TRUTH["elasticity"]:
-        ends = [shown.Scalars(f"interval/{name}/{end}")[-1].value for end in ("low", "high")]
-        assert ends == pytest.approx(found["parameters"][name]["interval_95"], rel=1e-6)
-        assert shown.Scalars(name)[-1].value == pytest.approx(found["parameters"][name]["estimate"], rel=1e-6)
-    assert "estimate/text_summary" in shown.Tags()["tensors"]
     again = read_scenes(tmp_path / "new" / "e_simulated.h5")[0]
     np.testing.assert_allclose(again.position[-1], recorded[0].position[-1], atol=1e-5)
     assert (tmp_path / "new" / "e_convergence.png").exists()
