@@ -7,7 +7,15 @@ from typing import Any
 from pcnclaws.errors import UserError, unknown_name
 
 # Words that an option takes beside the numbers of its kind; None is null.
-WORDS: Mapping[str, tuple[object, ...]] = {"simulation.time_step": ("auto",), "simulation.domain": (None,)}
+WORDS: Mapping[str, tuple[object, ...]] = {
+    "simulation.time_step": ("auto",),
+    "simulation.domain": (None,),
+    "training.average": (None,),
+    "training.batch_segments": (None,),
+    "training.gradient_clip": (None,),
+    "training.segment_length.first": (None,),
+    "training.segment_length.last": (None,),
+}
 # Options that are null by default and yet of one kind.
 OF_KIND = {"simulation.grid_nodes": 0}
 KINDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "text"}
