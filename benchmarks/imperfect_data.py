@@ -54,6 +54,7 @@ class Case(NamedTuple):
 
 CASES = {
     "true": Case("full states, all true"),
+    "true_robust": Case("full states, all true, robust loss", "robust"),
     "false_relative": Case("one scene of them false", false_scene=True),
     "false_robust": Case("one scene of them false, robust loss", "robust", false_scene=True),
     "positions": Case("positions alone", positions_only=True),

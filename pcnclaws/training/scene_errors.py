@@ -5,12 +5,14 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Any
 
-# Of the running mean of a scene's logarithmic errors, what stays when a new one comes.
-MEMORY = 0.8
-# A scene whose error is this many times that of the median scene counts half in the robust loss.
-HALF = 10.0
+# Of the running mean of a scene's logarithmic errors, what stays when a new one comes: a mean of some twenty, since
+# a false scene is false in some of its segments only, and its quiet ones would give it its weight back.
+MEMORY = 0.95
+# A scene whose error is this many times that of the median scene counts half in the robust loss; true scenes are
+# within a factor of two of it at the end of a training, and of six on the way.
+HALF = 3.0
 # A scene that is explained so many times worse than the median one contradicts the others.
-CONTRADICTS = 100.0
+CONTRADICTS = 20.0
 # Fewest scenes of which one can be said to be unlike the others.
 FEWEST = 4
 
