@@ -10,6 +10,9 @@ INSTALLING := $(VENV)/.installing
 RUN := $(VENV)/bin/python -m
 DOCS_VENV := .venv-docs
 DOCS_INSTALLED := $(DOCS_VENV)/.installed
+# Compiled modules are kept in .venv, whatever the environment says: where Python compiles PyTorch and Lightning anew, each
+# command takes ten seconds more, and tests start hundreds of them.
+unexport PYTHONDONTWRITEBYTECODE
 # Two test processes with one thread each are faster than one with two.
 PYTEST := OMP_NUM_THREADS=1 $(RUN) pytest -n 2
 
