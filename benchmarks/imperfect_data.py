@@ -1,43 +1,23 @@
 """Laws trained on recordings as people have them: noisy positions without start velocities, and a false scene."""
 
-import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks.charts import COLOURS, chart, decorate, save, table_of
 from benchmarks.checks import names, numbers, whole
 from benchmarks.context import BenchmarkContext, Checkpointed
-from pcnclaws.commands.models import build_model
-from pcnclaws.data.datamodule import TrajectoryDataModule
-from pcnclaws.data.sampling import DataSetPlan, planned_scenes
-from pcnclaws.data.segments import SegmentPlan
+from benchmarks.laws_from_motions import Motions, Recipe, recorded_motions, trained
 from pcnclaws.data.start_velocity import with_start_velocity
-from pcnclaws.errors import SimulationDiverged
-from pcnclaws.evaluation.tasks import evaluate_records
-from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import Material, material_named
-from pcnclaws.simulation.execution import Execution
-from pcnclaws.simulation.recorded_runs import simulate_records
-from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.training.loop import Loop
-from pcnclaws.training.module import OptimiserSettings
-from pcnclaws.training.multi_scene import MultiSceneModule
-from pcnclaws.training.sources import show_deformations
-from pcnclaws.training.trainer import fit, quiet_lightning
+from pcnclaws.training.trainer import quiet_lightning
 
-EVERY, KEYFRAME_EVERY = 5, 20
-# As in conf/training/short.yaml and initial.yaml.
-SHORT = {"segments": 8, "first": 5, "last": 5}
-INITIAL = {"segments": 2, "start": "initial", "first": 150, "last": 400}
 # Which scene is false, and by which factor its last parameter is (the yield parameter of a material that flows).
 FALSE, FACTOR = 4, 1.5
 
@@ -73,14 +53,14 @@ def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]
     noise, cases = numbers({"noise": [options["noise"]]}, "noise", 0.0)[0], names(options, "cases", CASES)
     iterations = {name: whole(options, name) for name in ("iterations", "iterations_from_positions")}
     done = Checkpointed.load(context.folder, "imperfect_data", {"options": dict(options), "seed": context.seed})
-    motions: dict[str, list[SceneRecord]] = {}
+    motions: Motions = {}
     rows = []
     for number, name in enumerate(cases):
         context.advance(number, len(cases), CASES[name].words)
 
         def made(case: Case = CASES[name]) -> dict[str, Any]:
             if not motions:
-                motions.update(_motions(material, whole(options, "scenes"), whole(options, "steps"), context))
+                motions.update(recorded_motions(material, whole(options, "scenes"), whole(options, "steps"), context))
             count = iterations["iterations_from_positions" if case.positions_only else "iterations"]
             return _row(case, material, motions, count, noise, context)
 
@@ -109,24 +89,10 @@ def draw(document: Mapping[str, Any], folder: Path) -> list[Path]:
     return [save(figure, folder / f"{document['problem']}.png")]
 
 
-def _motions(material: Material, scenes: int, steps: int, context: BenchmarkContext) -> dict[str, list[SceneRecord]]:
-    plan = DataSetPlan(
-        material,
-        steps=steps,
-        keyframe_every=KEYFRAME_EVERY,
-        train_scenes=scenes,
-        validation_scenes=2,
-        seed=context.seed,
-    )
-    frames, execution = FramePlan(steps, EVERY, KEYFRAME_EVERY), Execution(device=context.device)
-    starts = planned_scenes(plan)
-    return {split: simulate_records(some, analytic_laws(material), frames, execution) for split, some in starts.items()}
-
-
 def _row(
     case: Case,
     material: Material,
-    motions: Mapping[str, Sequence[SceneRecord]],
+    motions: Motions,
     iterations: int,
     noise: float,
     context: BenchmarkContext,
@@ -138,29 +104,14 @@ def _row(
     if case.noisy:
         random = np.random.default_rng(context.seed)
         training, checks = ([_seen(record, noise, random) for record in some] for some in (training, checks))
-    torch.manual_seed(context.seed)
-    model, began = build_model(material, {"name": "pcnclaws"}), time.monotonic()
-    laws = model.laws
-    assert laws is not None  # noqa: S101
-    show_deformations(laws.elasticity, training)
-    plan = SegmentPlan(iterations, seed=context.seed, **(INITIAL if case.positions_only else SHORT))  # pyright: ignore[reportArgumentType]
-    segments = TrajectoryDataModule(training, checks, plan, check_every=max(iterations // 4, 1))
-    rate = 3e-3 if case.positions_only else 5e-3
-    settings = OptimiserSettings(rate, gradient_clip=10.0, loss=case.loss)
-    module = MultiSceneModule(laws, segments.dataset.settings, settings, iterations)
-    loop = Loop(logger="csv", average=None if case.positions_only else 8.0, pictures=False)
-    try:
-        with tempfile.TemporaryDirectory() as folder:
-            fit(module, segments, Path(folder), context.device, loop, console=Console(quiet=True))
-        results = evaluate_records(motions["test"], model)
-        errors = [one.mse for one in results]
-    except SimulationDiverged:
-        errors = []
+    recipe, began = Recipe(loss=case.loss, positions_only=case.positions_only), time.monotonic()
+    seen = motions | {"train": training, "validation": checks}
+    found = trained(material, seen, recipe, iterations, context)
     return {
         "seconds": time.monotonic() - began,
-        "unseen": sum(errors) / len(errors) if errors else None,
-        "scenes": errors,
-        "named": sorted(module.contradicting()),
+        "unseen": found.mean,
+        "scenes": found.errors,
+        "named": found.named,
     }
 
 
