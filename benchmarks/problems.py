@@ -9,6 +9,7 @@ from rich.table import Table
 from benchmarks import (
     data_parallel,
     fine_tuning,
+    foreign_laws,
     fuzzing,
     imperfect_data,
     kills,
@@ -45,6 +46,7 @@ class Problem(NamedTuple):
 PROBLEMS = {
     "data_parallel": Problem(data_parallel.run, data_parallel.draw, data_parallel.tables),
     "fine_tuning": Problem(fine_tuning.run, fine_tuning.draw, fine_tuning.tables),
+    "foreign_laws": Problem(foreign_laws.run, foreign_laws.draw, foreign_laws.tables),
     "fuzzing": Problem(fuzzing.run, fuzzing.draw, fuzzing.tables),
     "imperfect_data": Problem(imperfect_data.run, imperfect_data.draw, imperfect_data.tables),
     "kills": Problem(kills.run, kills.draw, kills.tables),

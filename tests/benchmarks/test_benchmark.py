@@ -42,6 +42,10 @@ SMOKE = {
         *("problem.pairs=[mohr_coulomb]", "problem.scenes=1", "problem.fine_tuning=[1]", "problem.training=[1]"),
         "problem.steps=20",
     ],
+    "foreign_laws": [
+        *("problem.materials=[ogden,cap]", "problem.scenes=1", "problem.iterations=1", "problem.steps=160"),
+        "problem.models=[pcnclaws_energy,pcnclaws_free_flow]",
+    ],
     "imperfect_data": [
         *("problem.cases=[false_robust,noise]", "problem.scenes=4", "problem.iterations=4", "problem.steps=160"),
         "problem.iterations_from_positions=1",
@@ -57,7 +61,17 @@ SMOKE = {
 }
 
 
-DEAR = ("data_parallel", "own_laws", "fine_tuning", "imperfect_data", "training", "scaling", "step_cost", "skips")
+DEAR = (
+    "data_parallel",
+    "own_laws",
+    "fine_tuning",
+    "foreign_laws",
+    "imperfect_data",
+    "training",
+    "scaling",
+    "step_cost",
+    "skips",
+)
 
 
 def check_own_laws(results: dict) -> None:
@@ -122,6 +136,15 @@ def check_fine_tuning(results: dict) -> None:
     assert rows["shipped", 0]["old"] < 1e-8 < rows["nothing", 1]["old"], "the shipped law knows its own material"
 
 
+def check_foreign_laws(results: dict) -> None:
+    assert [(row["material"], row["model"]) for row in results["rows"]] == [
+        ("ogden", "pcnclaws_energy"),
+        ("cap", "pcnclaws_free_flow"),
+    ]
+    for row in results["rows"]:
+        assert 0.0 < row["unseen"] == pytest.approx(sum(row["scenes"]) / 3)
+
+
 def check_imperfect_data(results: dict) -> None:
     assert [row["case"] for row in results["rows"]] == ["false_robust", "noise"]
     for row in results["rows"]:
@@ -132,6 +155,7 @@ def check_imperfect_data(results: dict) -> None:
 CHECKS = {
     "data_parallel": check_data_parallel,
     "fine_tuning": check_fine_tuning,
+    "foreign_laws": check_foreign_laws,
     "imperfect_data": check_imperfect_data,
     "own_laws": check_own_laws,
     "step_cost": check_step_cost,
