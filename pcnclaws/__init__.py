@@ -7,6 +7,8 @@ neither PyTorch nor NumPy.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from pcnclaws.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from pcnclaws.commands.law_loading import load_law
     from pcnclaws.compiled.backend import use_backend, using_backend
@@ -25,8 +27,6 @@ if TYPE_CHECKING:
     from pcnclaws.laws.viscosity import NewtonianViscosity, Viscosity
     from pcnclaws.mpm.colliders import Collider
     from pcnclaws.mpm.loads import Load
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Body",

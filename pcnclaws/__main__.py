@@ -4,7 +4,6 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import NoReturn
 
-import pcnclaws
 from pcnclaws.calibrate import calibrate
 from pcnclaws.commands import launcher
 from pcnclaws.commands.completion import SCRIPTS, candidates
@@ -19,6 +18,7 @@ from pcnclaws.observe import observe
 from pcnclaws.render import render
 from pcnclaws.simulate import simulate
 from pcnclaws.train import train
+from pcnclaws.version import __version__
 
 TASKS: Mapping[str, Task] = {
     "generate": generate,
@@ -57,7 +57,7 @@ def _answer(name: str, rest: Sequence[str]) -> str:
     if name in launcher.HELP:
         return overview({name: task.__doc__ for name, task in TASKS.items()})
     if name == "--version":
-        return f"pcnclaws {pcnclaws.__version__}"
+        return f"pcnclaws {__version__}"
     if name == COMPLETION:
         (shell, *_) = rest or [""]
         if shell not in SCRIPTS:

@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 import torch
 
-import pcnclaws
+from pcnclaws.version import __version__
 
-REPOSITORY = Path(pcnclaws.__file__).resolve().parent.parent
+REPOSITORY = Path(__file__).resolve().parent.parent
 
 
 def provenance(seed: int | None = None, device: str | torch.device = "cpu") -> dict[str, Any]:
     """Command line, versions, commit (in a checkout), hardware and seed of this process, as plain values."""
     return {
         "command": command_line(),
-        "pcnclaws": pcnclaws.__version__,
+        "pcnclaws": __version__,
         "commit": commit(),
         "python": platform.python_version(),
         "torch": torch.__version__,

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.fuzzing.reader import Reader
 from pcnclaws.commands.law_source import law_source
-from pcnclaws.data.loading_paths import read_loading_paths
+from pcnclaws.data.loading_path_files import read_loading_paths
 from pcnclaws.data.motion_capture import Capture
 from pcnclaws.data.observation_files import from_record, from_table
 from pcnclaws.data.point_files import read_point_file

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-import pcnclaws
 from pcnclaws.atomic import replaced_file
 from pcnclaws.commands.law_card import CARD
 from pcnclaws.commands.law_source import LawSource
 from pcnclaws.data.law_packages import law_files
 from pcnclaws.laws.exported_header import header_text
+from pcnclaws.version import __version__
 
 
 def write_header(source: LawSource, output: Path) -> None:
@@ -21,7 +21,7 @@ def write_header(source: LawSource, output: Path) -> None:
             card = (folder / CARD).read_text(encoding="utf-8") if (folder / CARD).is_file() else ""
     comment = [
         f"A law of {model.material.name}: stress, plastic flow and their tangents, in C++17 without dependencies.",
-        f"Written by pcnclaws {pcnclaws.__version__} (MIT licence). What programs call is at the end.",
+        f"Written by pcnclaws {__version__} (MIT licence). What programs call is at the end.",
         "",
         *card.splitlines(),
     ]

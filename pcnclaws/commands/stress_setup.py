@@ -10,7 +10,8 @@ import numpy as np
 
 from pcnclaws.commands.typed_configs import TrainConfig
 from pcnclaws.commands.typed_groups import MeasuredStress
-from pcnclaws.data.loading_paths import LoadingPath, matching, read_loading_paths
+from pcnclaws.data.loading_path_files import read_loading_paths
+from pcnclaws.data.loading_paths import LoadingPath, matching
 from pcnclaws.errors import UserError
 
 INCOMPRESSIBLE = 0.5

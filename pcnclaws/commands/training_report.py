@@ -99,7 +99,8 @@ def _contradictions(report: Report) -> list[str]:
     """One line a scene that does not fit to the others."""
     return [
         f"warning: scene '{name}' is explained {ratio:.0f} times worse than the median scene (relative squared error): "
-        "are its parameters, units and walls right? training.loss=robust learns from the others"
+        "are its parameters, units and walls right, and those of scenes like it? "
+        "training.loss=robust learns from the others"
         for name, ratio in report.notes.get("contradicting_scenes", {}).items()
     ]
 

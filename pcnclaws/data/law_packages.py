@@ -20,9 +20,9 @@ from typing import Any
 
 import torch
 
-import pcnclaws
 from pcnclaws.atomic import replaced_file
 from pcnclaws.errors import UserError
+from pcnclaws.version import __version__
 
 ENDING = ".zip"
 FORMAT, VERSION = "pcnclaws law", 1
@@ -64,7 +64,7 @@ def write_law_package(path: Path, about: Mapping[str, Any], members: Mapping[str
 
 def versions() -> dict[str, str]:
     """Of what writes a package."""
-    return {"pcnclaws": pcnclaws.__version__, "torch": str(torch.__version__), "python": platform.python_version()}
+    return {"pcnclaws": __version__, "torch": str(torch.__version__), "python": platform.python_version()}
 
 
 @contextmanager
@@ -109,7 +109,7 @@ def written_by(folder: Path) -> str:
     if not (folder / ABOUT).is_file():
         return ""
     made = json.loads((folder / ABOUT).read_bytes()).get("versions")
-    version, ours = str(made.get("pcnclaws", ""))[:20] if isinstance(made, dict) else "", pcnclaws.__version__
+    version, ours = str(made.get("pcnclaws", ""))[:20] if isinstance(made, dict) else "", __version__
     return "" if version in ("", ours) else f"; pcnclaws {version} wrote it, this is {ours}"
 
 
@@ -160,7 +160,7 @@ def _check_format(path: Path, about: Any) -> None:
         program = str(made.get("pcnclaws", "a later version") if isinstance(made, dict) else "a later version")[:20]
         raise UserError(
             f"law={path} is of format {about['version']}, which pcnclaws {program} has written; pcnclaws "
-            f"{pcnclaws.__version__} reads up to format {VERSION}; accepted: a later version of pcnclaws"
+            f"{__version__} reads up to format {VERSION}; accepted: a later version of pcnclaws"
         )
 
 

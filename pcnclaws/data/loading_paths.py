@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +11,6 @@ from pcnclaws.errors import UserError, unknown_name
 
 UNITS = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9}
 STRESSES = ("PK1", "cauchy")
-HDF5_ENDINGS, TABLE_ENDINGS = (".h5", ".hdf5"), (".csv",)
 # How far det F may be from 1 in data of an incompressible body.
 INCOMPRESSIBLE = 2e-3
 
@@ -50,29 +48,6 @@ class LoadingPath(NamedTuple):
     def measured(self) -> list[tuple[int, int]]:
         """The components of the stress that were measured."""
         return [(int(i), int(j)) for i, j in np.argwhere(np.isfinite(self.stress).any(0))]
-
-
-def read_loading_paths(files: Sequence[Path], units: Sequence[tuple[str, str]] = ()) -> list[LoadingPath]:
-    """The loading paths of CSV and HDF5 files. Those of CSV files are of one specimen.
-
-    units   pairs of a pattern of names and the unit of stress of the paths of HDF5 files that do not say it
-    raises  UserError for a missing, damaged or ambiguous file, and for two paths of one name
-    """
-    from pcnclaws.data.loading_path_groups import read_groups
-    from pcnclaws.data.loading_path_tables import read_table
-
-    paths: list[LoadingPath] = []
-    for file in files:
-        ending = file.suffix.lower()
-        if ending not in (*HDF5_ENDINGS, *TABLE_ENDINGS):
-            raise UserError(f"data.stress={file} is not accepted; accepted: a file that ends in .csv, .h5 or .hdf5")
-        if not file.is_file():
-            raise UserError(f"data.stress={file}: no such file")
-        paths += read_groups(file, units) if ending in HDF5_ENDINGS else [read_table(file)]
-    names = [path.name for path in paths]
-    if doubled := [name for name in names if names.count(name) > 1]:
-        raise UserError(f"data.stress: two paths are called '{doubled[0]}'; accepted: one path of a name")
-    return paths
 
 
 def unit_factor(unit: str, where: str) -> float:

@@ -7,7 +7,8 @@ import h5py
 import numpy as np
 import pytest
 
-from pcnclaws.data.loading_paths import LoadingPath, read_loading_paths
+from pcnclaws.data.loading_path_files import read_loading_paths
+from pcnclaws.data.loading_paths import LoadingPath
 from pcnclaws.errors import UserError
 
 MEASURED = Path(__file__).parents[2] / "docs" / "measured"

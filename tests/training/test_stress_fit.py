@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from pcnclaws.data.loading_paths import LoadingPath, read_loading_paths
+from pcnclaws.data.loading_path_files import read_loading_paths
+from pcnclaws.data.loading_paths import LoadingPath
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import material_named
 from pcnclaws.laws.stretch_energy import StretchEnergyNet
