@@ -60,6 +60,11 @@ NETWORKS: dict[str, Network] = {
             "pcnclaws.laws.neural_free_flow:FreeFlowPlasticNet",
         ),
         Network(
+            "pcnclaws_unified",
+            "pcnclaws.laws.neural_unified:UnifiedElasticNet",
+            "pcnclaws.laws.neural_unified:UnifiedPlasticNet",
+        ),
+        Network(
             "pcnclaws_no_prior",
             "pcnclaws.laws.neural_no_prior:NoPriorElasticNet",
             "pcnclaws.laws.neural_no_prior:NoPriorPlasticNet",
