@@ -64,6 +64,7 @@ lint: $(INSTALLED) ## check style, types and the direction of imports
 include benchmarks/accuracy.mk
 include benchmarks/estimation.mk
 include benchmarks/baselines.mk
+include benchmarks/unified.mk
 
 clean: ## remove caches and built packages; keeps .venv and outputs
 	rm -rf build dist .venv-docs .pytest_cache .ruff_cache .hypothesis .import_linter_cache
