@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from rich.table import Table
 
 from benchmarks import (
+    between_kinds,
     data_parallel,
     fine_tuning,
     fuzzing,
@@ -43,6 +44,7 @@ class Problem(NamedTuple):
 
 
 PROBLEMS = {
+    "between_kinds": Problem(between_kinds.run, between_kinds.draw, between_kinds.tables),
     "data_parallel": Problem(data_parallel.run, data_parallel.draw, data_parallel.tables),
     "fine_tuning": Problem(fine_tuning.run, fine_tuning.draw, fine_tuning.tables),
     "fuzzing": Problem(fuzzing.run, fuzzing.draw, fuzzing.tables),
