@@ -47,6 +47,6 @@ $(foreach object,$(nine),$(eval $(call seen_of_which,$(object))))
 which_all := $(foreach object,$(nine),$(KINDS:%=$(UNIFIED)/all/$(object)/%.json))
 which_markers := $(foreach object,$(nine),$(KINDS:%=$(UNIFIED)/markers/$(object)/%.json))
 
-.PHONY: unified which_material
-which_material: $(which_all) $(which_markers) ## ask of the paper's nine objects which material they are of
-unified: $(UNIFIED)/training.json $(unified_tasks:%=$(UNIFIED)/%.json) $(UNIFIED)/between_kinds.json which_material ## train and measure one law for three kinds of body
+.PHONY: unified which-material
+which-material: $(which_all) $(which_markers) ## ask of the paper's nine objects which material they are of
+unified: $(UNIFIED)/training.json $(unified_tasks:%=$(UNIFIED)/%.json) $(UNIFIED)/between_kinds.json which-material ## train and measure one law for three kinds of body
