@@ -9,8 +9,8 @@ INTRODUCTION = """\
 
 The material `unified` holds elasticity, plasticine and sand: both moduli, τ_Y and φ, and how much of plasticine and of
 sand is in the body, `plasticine_share` and `sand_share`, each from 0 to 1; elasticity has what they leave. Shares that
-add up to more than 1 are divided by their sum. Its analytic laws ([laws/unified.py](../pcnclaws/laws/unified.py)) are, with
-the shares p and s,
+add up to more than 1 are divided by their sum. Its analytic laws ([laws/unified.py](../pcnclaws/laws/unified.py)) are,
+with the shares p and s,
 
     τ = (1 - p - s) τ_FixedCorotated + (p + s) τ_Hencky
     h' = h + p (h'_VonMises - h) + s (h'_DruckerPrager - h)
