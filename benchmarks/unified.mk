@@ -23,8 +23,9 @@ $(foreach task,$(unified_tasks),$(eval $(call unified_task,$(task))))
 $(UNIFIED)/between_kinds.json: outputs/accuracy/unified/metrics.json
 	$(RUN) benchmarks problem=between_kinds problem.law=outputs/accuracy/unified output=$(UNIFIED)
 
-# Every object as if it were of each kind, without a guess: all particles, whose start velocity is known, and a hundred
+# Every object as if it were of each kind, without a guess, from the first 300 steps: all particles, whose start velocity is known, and a hundred
 # markers on the surface with 1 mm of noise and gaps, whose start velocity is not.
+asked := 'observation.window=[0,0.15]' screening=8 estimator.iterations=10
 define seen_of_which
 $(SEEN)/$(1)_all.csv: | $(SEEN)/$(1).h5
 	$$(RUN) pcnclaws.observe file=$(SEEN)/$(1).h5 every=10 output=$$@
@@ -37,7 +38,7 @@ endef
 define which
 
 $(UNIFIED)/$(3)/$(1)/$(2).json: | $(SEEN)/$(1)_$(3).csv
-	$$(RUN) pcnclaws.estimate material=$(2) law=pretrained observation.file=$(SEEN)/$(1)_$(3).csv scene.shape=cube $(paper) $(4) \
+	$$(RUN) pcnclaws.estimate material=$(2) law=pretrained observation.file=$(SEEN)/$(1)_$(3).csv scene.shape=cube $(paper) $(asked) $(4) \
 		threads=1 trajectory=false picture=false output=$(SEEN)/which/$(3)/$(1)/$(2).json
 	@mkdir -p $$(@D) && cp $(SEEN)/which/$(3)/$(1)/$(2).json $$@
 
