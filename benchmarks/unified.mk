@@ -25,10 +25,10 @@ $(UNIFIED)/between_kinds.json: outputs/accuracy/unified/metrics.json
 
 # Every object as if it were of each kind, without a guess, from the first 300 steps: all particles, whose start velocity is known, and a hundred
 # markers on the surface with 1 mm of noise and gaps, whose start velocity is not.
-asked := 'observation.window=[0,0.15]' screening=8 estimator.iterations=10
+asked := 'observation.window=[0,0.15]' screening=8 estimator.iterations=6
 define seen_of_which
 $(SEEN)/$(1)_all.csv: | $(SEEN)/$(1).h5
-	$$(RUN) pcnclaws.observe file=$(SEEN)/$(1).h5 every=10 output=$$@
+	$$(RUN) pcnclaws.observe file=$(SEEN)/$(1).h5 every=10 picture=false output=$$@
 
 $(foreach kind,$(KINDS),$(call which,$(1),$(kind),all,$(motion_$(call number_of,$(1)))))
 $(foreach kind,$(KINDS),$(call which,$(1),$(kind),markers))

@@ -54,7 +54,7 @@ WHICH = """\
 ## Which material it is
 
 The first 300 steps of the nine objects, simulated by the analytic law of their material, and explained by the law that
-ships of each of the three, from mid-range and eight other starts, without a guess, by at most ten iterations:
+ships of each of the three, from mid-range and eight other starts, without a guess, by at most six iterations:
 
     python -m pcnclaws.estimate -m material=elasticity,plasticine,sand observation.file=markers.csv scene.shape=cube
 

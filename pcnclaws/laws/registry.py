@@ -167,3 +167,9 @@ def _check_ranges(material: Material) -> None:
                 f"material '{material.name}': ranges['{name}']={(low, high)} is not accepted; accepted: two numbers, "
                 f"increasing, each {own[name].accepted}"
             )
+    for number, kind in enumerate(material.kinds):
+        if wrong := sorted(set(own) ^ {*kind.ranges, *kind.fixed}):
+            raise UserError(
+                f"material '{material.name}': kinds[{number}] does not fit in {wrong[0]}; accepted: a range or a fixed "
+                "value of each of its parameters, and of nothing else"
+            )

@@ -1,8 +1,8 @@
 """The unified material: elasticity, plasticine and sand in one, and what lies between them.
 
 How much of plasticine and of sand is in it are two more physical parameters; elasticity has what they leave. Where one
-of the three is 1 the law is that of this kind. In between, neither motion nor source knows such a body: stress, and
-what plastic flow does to the strain, are the means of those of the kinds, by their shares.
+of the three is 1 the law is that of this kind. In between, stress, and what plastic flow does to the strain in a step,
+are the means of those of the kinds, by their shares: a way from kind to kind that stays bounded, and no known body.
 """
 
 from collections.abc import Mapping
@@ -63,7 +63,8 @@ class UnifiedPlasticity(Plasticity):
 
         h' = h + p (h'_VonMises - h) + s (h'_DruckerPrager - h)
 
-    with the shares p of plasticine and s of sand. It releases Hencky energy, as both do.
+    with the shares p of plasticine and s of sand. It releases Hencky energy, as both do. Between kinds a second return
+    flows on: strain nears the yield surface from step to step, and how fast depends on the time step.
     """
 
     physical_parameters = (
