@@ -20,6 +20,7 @@ from benchmarks import (
     stability,
     step_cost,
     transfers,
+    which_material,
 )
 from benchmarks import training_time as training
 from benchmarks.context import BenchmarkContext
@@ -61,4 +62,5 @@ PROBLEMS = {
     "training": Problem(training.run, training.draw, training.tables),
     "transfers": Problem(transfers.run, transfers.draw, transfers.tables),
     "verification": Problem(verification.run, verification.draw, verification.tables),
+    "which_material": Problem(which_material.run, which_material.draw, which_material.tables),
 }
