@@ -8,7 +8,7 @@ outputs/accuracy/unified/metrics.json: | $(INSTALLED)
 $(UNIFIED)/training.json: outputs/accuracy/unified/metrics.json
 	@mkdir -p $(@D) && cp $< $@
 
-unified_tasks := unseen reconstruction geometry unseen_motion
+unified_tasks := reconstruction geometry unseen_motion
 define unified_task
 $(UNIFIED)/$(1).json: outputs/accuracy/unified/metrics.json
 	$$(RUN) pcnclaws.evaluate material=unified law=outputs/accuracy/unified task=$(1) threads=1 \

@@ -4,41 +4,32 @@ Made of <folder>/unified, and of the errors of the laws of one material each in 
 """
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean, median
 
 from benchmarks.pages.cells import number, percent, table
 from benchmarks.pages.command import write_and_say
 from benchmarks.pages.documents import Document, read_document
-from benchmarks.pages.unified_words import BETWEEN, ERRORS, INTRODUCTION, SEEDS, SEEN, WHICH
+from benchmarks.pages.unified_words import (
+    BETWEEN,
+    ERRORS,
+    INTRODUCTION,
+    OTHER_TASKS,
+    SEEDS,
+    SEEN,
+    SEEN_WITH_NOISE,
+    WHICH,
+)
+from benchmarks.which_material import KINDS, MARKERS, answer
 from pcnclaws.atomic import replaced_file
-from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.parameters import PARAMETERS
 
-KINDS = ("elasticity", "plasticine", "sand")
-# Objects of benchmarks/estimation.mk by their truth.
-OBJECTS = {
-    "elasticity_1": (1.8e5, 0.13),
-    "elasticity_2": (1.4e5, 0.18),
-    "elasticity_3": (2.0e5, 0.15),
-    "plasticine_1": (4.7e5, 0.36, 4.2e3),
-    "plasticine_2": (5.3e5, 0.31, 5.1e3),
-    "plasticine_3": (4.2e5, 0.33, 5.7e3),
-    "sand_1": (3.7e5, 0.18, 30.0),
-    "sand_2": (4.2e5, 0.23, 26.0),
-    "sand_3": (3.3e5, 0.20, 22.0),
-}
 TASKS = {
     "reconstruction": "training scenes",
-    "unseen": "unseen objects",
     "geometry": "other shapes",
     "unseen_motion": "other motions",
 }
-
-
-# Of conf/experiment/unified_multi.yaml, what is not training=short.
-RECIPE = ""
 
 
 def write_page(folder: Path, output: Path) -> list[Path]:
@@ -57,7 +48,8 @@ def page(folder: Path) -> str:
 
 def _errors(folder: Path, own: Path) -> list[str]:
     """The errors of each kind beside those of the laws of one material each."""
-    unified = {scene["name"]: scene for scene in read_document(own / "unseen.json")["scenes"]}
+    training = read_document(own / "training.json", "training", "train")
+    unified = {scene["name"]: scene for scene in training["scenes"]}
     lines = []
     for kind in KINDS:
         row = folder / "accuracy" / kind / "short" / "unseen.json"
@@ -70,17 +62,20 @@ def _errors(folder: Path, own: Path) -> list[str]:
     of_sand = folder / "accuracy" / "sand"
     seeds = [read_document(path)["mse"] for path in of_sand.glob("seed_*/unseen.json")]
     seeds.append(read_document(of_sand / "short" / "unseen.json")["mse"])
-    training = read_document(own / "training.json", "training", "train")
     how = {
         "iterations": training["training"]["iterations"],
-        "recipe": RECIPE,
         "minutes": training["seconds"] / 60.0,
     }
+    tasks = {task: words for task, words in TASKS.items() if (own / f"{task}.json").is_file()}
     return [
         ERRORS.format(**how),
         table(["kind", "object", "unified", "alone", "ratio", "stress error"], lines),
         SEEDS.format(least=number(min(seeds)), most=number(max(seeds)), median=number(median(seeds))),
-        table(["task", "MSE [m²]", "stress error"], [_task(own, task, words) for task, words in TASKS.items()]),
+        *(
+            [OTHER_TASKS, table(["task", "MSE [m²]", "stress error"], [_task(own, *one) for one in tasks.items()])]
+            if tasks
+            else []
+        ),
     ]
 
 
@@ -123,44 +118,30 @@ def _worst(rows: Sequence[Document], law: str, name: str) -> str:
 
 
 def _which(own: Path) -> list[str]:
-    parts = [WHICH]
-    for seen, words in SEEN.items():
-        every = {name: _documents(own / seen / name) for name in OBJECTS}
-        found = {name: documents for name, documents in every.items() if documents}
-        if found:
-            lines = [_answer(name, documents) for name, documents in found.items()]
-            right = sum(_answered(documents) == _kind(name) for name, documents in found.items())
-            parts += [
-                words,
-                table(["object", *KINDS, "answer", "parameters found", "true"], lines),
-                f"{right} of {len(lines)} are right.",
-            ]
+    document = read_document(own / "which_material.json", "results", "benchmarks")
+    options = document["options"]
+    parts = [WHICH.format(**{name: options[name] for name in ("steps", "screening", "iterations")})]
+    for noise in options["noise"]:
+        rows = [row for row in document["results"]["rows"] if row["noise"] == noise]
+        right = sum(answer(row) == row["kind"] for row in rows)
+        frames = options["steps"] // options["every"] + 1
+        parts += [
+            (SEEN_WITH_NOISE if noise else SEEN).format(frames=frames, noise=1e3 * noise, markers=MARKERS),
+            table(
+                ["object", *(f"as {kind}" for kind in KINDS), "answer", "parameters found"],
+                [_answer(row) for row in rows],
+            ),
+            f"{right} of {len(rows)} are right.",
+        ]
     return parts
 
 
-def _kind(name: str) -> str:
-    return name.rpartition("_")[0]
-
-
-def _documents(folder: Path) -> dict[str, Document]:
-    """The estimates by kind, empty where one of them is not there."""
-    paths = {kind: folder / f"{kind}.json" for kind in KINDS}
-    if not all(path.is_file() for path in paths.values()):
-        return {}
-    return {kind: read_document(path) for kind, path in paths.items()}
-
-
-def _answered(documents: Mapping[str, Document]) -> str:
-    return min(documents, key=lambda kind: documents[kind]["mse"])
-
-
-def _answer(name: str, documents: Mapping[str, Document]) -> list[str]:
-    answer = _answered(documents)
-    residuals = [f"{1e3 * documents[kind]['mse'] ** 0.5:.3g}" for kind in KINDS]
-    found = [_shown(one, value["estimate"]) for one, value in documents[answer]["parameters"].items()]
-    truth = zip(MATERIALS[_kind(name)].parameter_names, OBJECTS[name], strict=True)
-    true = [_shown(*one) for one in truth]
-    return [name.replace("_", " "), *residuals, answer, ", ".join(found), ", ".join(true)]
+def _answer(row: Document) -> list[str]:
+    explained, found = row["explained"], answer(row)
+    residuals = [f"{1e3 * explained[kind]['mse'] ** 0.5:.2g}" for kind in KINDS]
+    values = [_shown(*one) for one in explained[found]["parameters"].items()]
+    true = [_shown(*one) for one in row["truth"].items()]
+    return [f"{row['kind']}: {', '.join(true)}", *residuals, found, ", ".join(values)]
 
 
 def _shown(name: str, value: float | None) -> str:

@@ -35,14 +35,14 @@ ERRORS = """\
 ## Errors on the nine reference objects
 
 MSE [m²], beside the law of each material alone, `training=short` of 400 iterations from twelve scenes. The unified law
-has the same recipe with {iterations} iterations{recipe}; the training took {minutes:.0f} minutes, beside other programs
-on two cores."""
+has the same recipe with {iterations} iterations of batches as large; the training took {minutes:.0f} minutes, beside
+other programs on two cores."""
 
 SEEDS = """\
 Trainings of sand alone differ from seed to seed: eight of them reach {least} to {most}, the median is {median}. The one
-beside is seed 0, the best of the eight.
+beside is seed 0, the best of the eight."""
 
-Means over the scenes of all kinds, by the tasks of [evaluation.md](evaluation.md):"""
+OTHER_TASKS = "Means over the scenes of all kinds, by the tasks of [evaluation.md](evaluation.md):"
 
 BETWEEN = """\
 ## Between the kinds
@@ -53,16 +53,18 @@ over that of the start, and the error to the analytic law's motion, the worst of
 WHICH = """\
 ## Which material it is
 
-The first 300 steps of the nine objects, simulated by the analytic law of their material, and explained by the law that
-ships of each of the three, from mid-range and eight other starts, without a guess, by at most six iterations:
+The first {steps} steps of the nine objects, simulated by the analytic law of their material, and explained by the law
+that ships of each of the three: Gauss-Newton of at most {iterations} iterations, from the best of mid-range and
+{screening} other starts, without a guess ([json](results/unified/which_material.json), `python -m benchmarks
+problem=which_material`). The same question of one motion is
 
     python -m pcnclaws.estimate -m material=elasticity,plasticine,sand observation.file=markers.csv scene.shape=cube
 
-The columns are the residuals, the root of the mean squared error of a coordinate [mm]; the least is the answer."""
+The columns are the residuals, the root of the mean squared error of a coordinate [mm]; the least is the answer. The law
+of another material did not always reach its best fit within so few iterations."""
 
-SEEN = {
-    "all": "All particles, in seven frames, of known start velocity:",
-    "markers": """\
-A hundred markers on the surface, in seven frames, each coordinate with a noise of 1 mm, a tenth of them missing; start
-velocity and spin are not known:""",
-}
+SEEN = "All particles, in {frames} frames, of known start velocity:"
+
+SEEN_WITH_NOISE = """\
+{markers} markers on the surface, in {frames} frames, each coordinate with a noise of {noise:g} mm, a tenth of them
+missing; start velocity and spin are not known:"""

@@ -1,10 +1,10 @@
-"""The page of the unified law is what its command writes, and each body is told to be what it is."""
+"""The page of the unified law is what its command writes, and says of each body what it is."""
 
+import json
 from pathlib import Path
 
-import pytest
-
-from benchmarks.pages.unified import KINDS, OBJECTS, page
+from benchmarks.pages.unified import KINDS, page
+from benchmarks.which_material import answer
 from pcnclaws.laws.materials import MATERIALS
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -17,7 +17,14 @@ def test_the_page_is_what_its_command_writes() -> None:
         assert f"| **{kind}** | mean |" in text
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_objects_of_the_page_are_the_papers(kind: str) -> None:
-    own = [values for name, values in OBJECTS.items() if name.startswith(kind)]
-    assert sorted(own) == sorted(tuple(thing.parameters.values()) for thing in MATERIALS[kind].objects)
+def test_every_reference_object_is_told_to_be_of_its_material_and_found_with_its_parameters() -> None:
+    document = json.loads((DOCS / "results" / "unified" / "which_material.json").read_text(encoding="utf-8"))
+    exact = [row for row in document["results"]["rows"] if row["noise"] == 0.0]
+    assert [row["object"] for row in sorted(exact, key=lambda row: KINDS.index(row["kind"]))] == [
+        thing.name for kind in KINDS for thing in MATERIALS[kind].objects
+    ]
+    for row in exact:
+        assert answer(row) == row["kind"]
+        for name, value in row["explained"][row["kind"]]["parameters"].items():
+            assert value is not None
+            assert abs(value / row["truth"][name] - 1.0) < 0.01
