@@ -41,6 +41,7 @@ tables: $(INSTALLED) ## write the pages of results from the JSON files in docs/r
 	$(RUN) benchmarks.pages.real_stress docs/results/real_stress.json docs/real_stress.md
 	$(RUN) benchmarks.pages.verification docs/results/verification.json docs/verification.md
 	$(RUN) benchmarks.pages.laws docs/laws
+	$(RUN) benchmarks.pages.unified docs/results docs/unified.md
 	$(RUN) benchmarks.pages.real_beam docs/results/real_beam/real_beam.json docs/real_beam.md
 
 docs: $(DOCS_INSTALLED) ## build the docs site in outputs/site, without warnings
@@ -67,6 +68,7 @@ lint: $(INSTALLED) ## check style, types and the direction of imports
 include benchmarks/accuracy.mk
 include benchmarks/estimation.mk
 include benchmarks/baselines.mk
+include benchmarks/unified.mk
 
 clean: ## remove caches and built packages; keeps .venv and outputs
 	rm -rf build dist .venv-docs .pytest_cache .ruff_cache .hypothesis .import_linter_cache

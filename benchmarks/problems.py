@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from rich.table import Table
 
 from benchmarks import (
+    between_kinds,
     data_parallel,
     fine_tuning,
     foreign_laws,
@@ -20,6 +21,7 @@ from benchmarks import (
     stability,
     step_cost,
     transfers,
+    which_material,
 )
 from benchmarks import training_time as training
 from benchmarks.context import BenchmarkContext
@@ -44,6 +46,7 @@ class Problem(NamedTuple):
 
 
 PROBLEMS = {
+    "between_kinds": Problem(between_kinds.run, between_kinds.draw, between_kinds.tables),
     "data_parallel": Problem(data_parallel.run, data_parallel.draw, data_parallel.tables),
     "fine_tuning": Problem(fine_tuning.run, fine_tuning.draw, fine_tuning.tables),
     "foreign_laws": Problem(foreign_laws.run, foreign_laws.draw, foreign_laws.tables),
@@ -61,4 +64,5 @@ PROBLEMS = {
     "training": Problem(training.run, training.draw, training.tables),
     "transfers": Problem(transfers.run, transfers.draw, transfers.tables),
     "verification": Problem(verification.run, verification.draw, verification.tables),
+    "which_material": Problem(which_material.run, which_material.draw, which_material.tables),
 }

@@ -13,7 +13,6 @@ from benchmarks.stability_report import draw, tables
 from benchmarks.survival import MOTIONS, PRECISIONS, TOLERANCE, Batch, fates
 from pcnclaws.compiled.backend import BACKENDS, using_backend
 from pcnclaws.evaluation.report import write_metrics
-from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.provenance import commit
 
 __all__ = ["draw", "run", "tables"]
@@ -61,7 +60,7 @@ def _batches(options: Mapping[str, Any]) -> list[Batch]:
         "neo_hookean": [None],
         "tresca": numbers(options, "yield_strain", 0.0),
     }
-    materials = names(options, "materials", MATERIALS)
+    materials = names(options, "materials", flows)
     motions, precisions = names(options, "motions", MOTIONS), names(options, "precisions", PRECISIONS)
     per_cell, levels = numbers(options, "per_cell", 0.4, 4.5), sorted(numbers(options, "cfl", 0.0))
     return [

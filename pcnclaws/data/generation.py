@@ -173,6 +173,7 @@ def _description(plan: DataSetPlan) -> dict[str, Any]:
         "generation": GENERATION,
         "material": plan.material.name,
         "ranges": {name: list(limits) for name, limits in plan.material.ranges.items()},
+        **_kinds(plan),
         **settings,
         "simulation.steps": plan.steps,
         "data.every": plan.every,
@@ -186,6 +187,14 @@ def _description(plan: DataSetPlan) -> dict[str, Any]:
         **own,
         "body": hashlib.sha256(body.tobytes()).hexdigest(),
     }
+
+
+def _kinds(plan: DataSetPlan) -> dict[str, Any]:
+    """The kinds of body of a material that holds several."""
+    kinds = [
+        {name: list(limits) for name, limits in kind.ranges.items()} | dict(kind.fixed) for kind in plan.material.kinds
+    ]
+    return {"kinds": kinds} if kinds else {}
 
 
 def _other_motions(plan: DataSetPlan) -> dict[str, float]:

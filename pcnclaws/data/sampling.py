@@ -10,7 +10,7 @@ from scipy.stats import qmc
 from pcnclaws.data.reference_objects import is_near_reference
 from pcnclaws.errors import UserError
 from pcnclaws.geometry.shapes import PointCloud, particles, spin_velocity
-from pcnclaws.laws.materials import Material
+from pcnclaws.laws.materials import Kind, Material
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.placement import require_inside
 from pcnclaws.simulation.scenes import SceneStart
@@ -103,14 +103,26 @@ def planned_scenes(plan: DataSetPlan) -> dict[str, list[SceneStart]]:
 
 
 def draw_parameters(material: Material, count: int, seed: tuple[int, ...]) -> list[dict[str, float]]:
-    """Parameters from the material's ranges, none of them near a reference object."""
+    """Parameters from the material's ranges, none of them near a reference object.
+
+    Of a material that holds several kinds of body, one kind after the other, each from its own ranges: as many as there
+    would be of a material of this kind alone are the same.
+    """
+    kinds = material.kinds or (Kind(material.ranges, {}),)
+    rounds = -(-count // len(kinds))
+    drawn = [_of_kind(kind, material, rounds, seed) for kind in kinds]
+    return [drawn[number % len(kinds)][number // len(kinds)] for number in range(count)]
+
+
+def _of_kind(kind: Kind, material: Material, count: int, seed: tuple[int, ...]) -> list[dict[str, float]]:
     random = np.random.default_rng((*seed, 0))
-    sample = qmc.Halton(len(material.ranges), rng=random)
-    lower, upper = np.array(list(material.ranges.values())).T
+    sample = qmc.Halton(len(kind.ranges), rng=random)
+    lower, upper = np.array(list(kind.ranges.values())).T
     drawn: list[dict[str, float]] = []
     while len(drawn) < count:
         point = lower + (upper - lower) * sample.random(1)[0]
-        parameters = {name: float(f"{value:.{DIGITS}g}") for name, value in zip(material.ranges, point, strict=True)}
+        own = {name: float(f"{value:.{DIGITS}g}") for name, value in zip(kind.ranges, point, strict=True)}
+        parameters = {name: {**own, **kind.fixed}[name] for name in material.ranges}
         if not is_near_reference(parameters, material):
             drawn.append(parameters)
     return drawn

@@ -28,6 +28,18 @@ class ReferenceObject:
 
 
 @dataclass(frozen=True)
+class Kind:
+    """One of the kinds of body that a material holds, and what data of it is drawn from.
+
+    ranges  of the physical parameters that matter to it
+    fixed   values of all others
+    """
+
+    ranges: Mapping[str, tuple[float, float]]
+    fixed: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class Material:
     """A material: its analytic laws and the ranges of its physical parameters in training data.
 
@@ -37,6 +49,7 @@ class Material:
     objects  that laws are tested with
     colour   of its particles in pictures, RGB from 0 to 1
     viscous  class of its viscous law, or where it is; None: no stress depends on the velocity gradient
+    kinds    of body that it holds: training scenes are of one after the other; none: they are drawn from `ranges`
     """
 
     name: str
@@ -46,6 +59,7 @@ class Material:
     objects: tuple[ReferenceObject, ...] = ()
     colour: tuple[float, float, float] = OTHER_COLOUR
     viscous: Any = None
+    kinds: tuple[Kind, ...] = ()
 
     @property
     def elasticity(self) -> Any:
@@ -126,6 +140,42 @@ def _borrowed(objects: tuple[ReferenceObject, ...]) -> tuple[ReferenceObject, ..
 _ELASTICITY = {"youngs_modulus": (5e4, 3e5), "poissons_ratio": (0.05, 0.40)}
 _PLASTICINE = {"youngs_modulus": (2e5, 7e5), "poissons_ratio": (0.15, 0.42), "yield_stress": (2e3, 8e3)}
 _SAND = {"youngs_modulus": (2e5, 6e5), "poissons_ratio": (0.10, 0.40), "friction_angle": (18.0, 38.0)}
+# A kind's share of the unified material is its own parameter; elasticity has what the others leave.
+_SHARES = ("plasticine_share", "sand_share")
+_OF_KINDS = {"": _ELASTICITY, "plasticine_share": _PLASTICINE, "sand_share": _SAND}
+
+
+def _united() -> dict[str, tuple[float, float]]:
+    """The ranges of all kinds together, and those of their shares."""
+    names = dict.fromkeys(name for ranges in _OF_KINDS.values() for name in ranges)
+    spans = {name: [ranges[name] for ranges in _OF_KINDS.values() if name in ranges] for name in names}
+    united = {name: (min(low for low, _ in some), max(high for _, high in some)) for name, some in spans.items()}
+    return united | dict.fromkeys(_SHARES, (0.0, 1.0))
+
+
+_UNIFIED = _united()
+
+
+def _beside(share: str, own: Mapping[str, Any]) -> dict[str, float]:
+    """What a body of one kind has beside its own parameters: its share, and the middle of what it does not read."""
+    shares = {name: float(name == share) for name in _SHARES}
+    unread = {name: 0.5 * (low + high) for name, (low, high) in _UNIFIED.items() if name not in own}
+    return unread | shares
+
+
+def _in_one(share: str, objects: tuple[ReferenceObject, ...]) -> tuple[ReferenceObject, ...]:
+    """The objects of a kind as bodies of the unified material."""
+    return tuple(
+        ReferenceObject(thing.name, {**thing.parameters, **_beside(share, thing.parameters)}) for thing in objects
+    )
+
+
+_UNIFIED_OBJECTS = (
+    *_in_one("", _ELASTIC_OBJECTS),
+    *_in_one("plasticine_share", _PLASTICINE_OBJECTS),
+    *_in_one("sand_share", _SAND_OBJECTS),
+)
+_KINDS = tuple(Kind(ranges, _beside(share, ranges)) for share, ranges in _OF_KINDS.items())
 _ELASTIC, _PLASTIC = "pcnclaws.laws.elasticity", "pcnclaws.laws.plasticity"
 _HENCKY = f"{_ELASTIC}:StVKHencky"
 
@@ -138,5 +188,14 @@ MATERIALS: dict[str, Material] = {
         # in neither family of the neural laws: what learning does where the structure does not know the answer
         Material("neo_hookean", f"{_ELASTIC}:NeoHookean", None, _ELASTICITY, _borrowed(_ELASTIC_OBJECTS)),
         Material("tresca", _HENCKY, f"{_PLASTIC}:Tresca", _PLASTICINE, _borrowed(_PLASTICINE_OBJECTS)),
+        # the three of the paper in one, and what lies between them
+        Material(
+            "unified",
+            "pcnclaws.laws.unified:UnifiedElasticity",
+            "pcnclaws.laws.unified:UnifiedPlasticity",
+            _UNIFIED,
+            _UNIFIED_OBJECTS,
+            kinds=_KINDS,
+        ),
     )
 }

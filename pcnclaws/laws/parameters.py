@@ -17,7 +17,7 @@ class Parameter:
     name            the textbook's word, as in options, files and Python
     symbol          in plain letters, for names of files and scenes
     unit            '-' for none
-    lower, upper    open interval of the accepted values, or closed at the lower end (lower_included)
+    lower, upper    open interval of the accepted values, or closed at an end (lower_included, upper_included)
     glyph           symbol in pictures and tables, the plain one where empty
     display_unit    in pictures and tables, the unit itself where empty
     display_factor  from `unit` to `display_unit`
@@ -29,6 +29,7 @@ class Parameter:
     widest          widest interval that still says something: the ratio of its ends where logarithmic, else their
                     distance
     is_stress       whether a law divided by its moduli sees it as a strain, value / (2 mu)
+    upper_included  whether `upper` itself is accepted
     """
 
     name: str
@@ -47,6 +48,7 @@ class Parameter:
     screening: tuple[float, float] | None = None
     widest: float = 2.0
     is_stress: bool = False
+    upper_included: bool = False
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
@@ -60,13 +62,15 @@ class Parameter:
 
     def accepts(self, value: float) -> bool:
         above = value >= self.lower if self.lower_included else value > self.lower
-        return math.isfinite(value) and above and value < self.upper
+        below = value <= self.upper if self.upper_included else value < self.upper
+        return math.isfinite(value) and above and below
 
     @property
     def accepted(self) -> str:
         """The accepted values in words."""
         lower = f"{'at least' if self.lower_included else 'above'} {self.lower:g}"
-        upper = "" if math.isinf(self.upper) else f" and below {self.upper:g}"
+        below = "at most" if self.upper_included else "below"
+        upper = "" if math.isinf(self.upper) else f" and {below} {self.upper:g}"
         return f"a finite number {lower}{upper}" + (f" {self.unit}" if self.unit != "-" else "")
 
     @property
@@ -146,9 +150,30 @@ VISCOSITY = Parameter(
     "viscosity", "eta", "Pa s", lower_included=True, glyph="η", logarithmic=True, search=(1e-3, 1e6), widest=2.0
 )
 
+
+def _share(name: str, symbol: str) -> Parameter:
+    """How much of a kind is in a material that holds several, from 0 to 1."""
+    return Parameter(
+        name,
+        symbol,
+        "-",
+        upper=1.0,
+        lower_included=True,
+        upper_included=True,
+        plausible=(0.0, 1.0),
+        search=(0.0, 1.0),
+        screening=(0.05, 0.95),
+        widest=0.5,
+    )
+
+
+PLASTICINE_SHARE = _share("plasticine_share", "w_plasticine")
+SAND_SHARE = _share("sand_share", "w_sand")
+
 # All that are known, by name: those of the registered materials (materials.py).
 PARAMETERS: dict[str, Parameter] = {
-    parameter.name: parameter for parameter in (YOUNGS_MODULUS, POISSONS_RATIO, FRICTION_ANGLE, YIELD_STRESS)
+    parameter.name: parameter
+    for parameter in (YOUNGS_MODULUS, POISSONS_RATIO, FRICTION_ANGLE, YIELD_STRESS, PLASTICINE_SHARE, SAND_SHARE)
 }
 
 

@@ -60,6 +60,11 @@ NETWORKS: dict[str, Network] = {
             "pcnclaws.laws.neural_free_flow:FreeFlowPlasticNet",
         ),
         Network(
+            "pcnclaws_unified",
+            "pcnclaws.laws.neural_unified:UnifiedElasticNet",
+            "pcnclaws.laws.neural_unified:UnifiedPlasticNet",
+        ),
+        Network(
             "pcnclaws_no_prior",
             "pcnclaws.laws.neural_no_prior:NoPriorElasticNet",
             "pcnclaws.laws.neural_no_prior:NoPriorPlasticNet",
@@ -161,4 +166,10 @@ def _check_ranges(material: Material) -> None:
             raise UserError(
                 f"material '{material.name}': ranges['{name}']={(low, high)} is not accepted; accepted: two numbers, "
                 f"increasing, each {own[name].accepted}"
+            )
+    for number, kind in enumerate(material.kinds):
+        if wrong := sorted(set(own) ^ {*kind.ranges, *kind.fixed}):
+            raise UserError(
+                f"material '{material.name}': kinds[{number}] does not fit in {wrong[0]}; accepted: a range or a fixed "
+                "value of each of its parameters, and of nothing else"
             )

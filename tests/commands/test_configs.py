@@ -23,7 +23,13 @@ from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.time_step import largest_speed, stability_of
 
-MAKEFILES = ("Makefile", "benchmarks/accuracy.mk", "benchmarks/estimation.mk", "benchmarks/baselines.mk")
+MAKEFILES = (
+    "Makefile",
+    "benchmarks/accuracy.mk",
+    "benchmarks/estimation.mk",
+    "benchmarks/baselines.mk",
+    "benchmarks/unified.mk",
+)
 
 ENTRIES = [path.stem for path in sorted(conf_folder().glob("*.yaml"))]
 OF_ONE_MATERIAL = [entry for entry in ENTRIES if entry not in ("benchmark", "observe", "export", "render")]

@@ -49,8 +49,12 @@ SMALL_OPTIONS = (
 )
 
 
+SINGLE = [material for material in MATERIALS.values() if not material.kinds]
+KINDS = ("elasticity", "plasticine", "sand")
+
+
 @settings(max_examples=15, deadline=None)
-@given(material=st.sampled_from(list(MATERIALS.values())), seed=st.integers(0, 10**6))
+@given(material=st.sampled_from(SINGLE), seed=st.integers(0, 10**6))
 def test_training_parameters_fill_the_ranges_and_keep_away_from_the_test_objects(material: Material, seed: int) -> None:
     drawn = draw_parameters(material, 64, (seed,))
     for name, (lower, upper) in material.ranges.items():
@@ -79,12 +83,31 @@ def test_the_neighbourhood_of_a_test_object_is_left_out() -> None:
 
 def test_the_papers_objects_are_the_test_scenes() -> None:
     objects = [thing for material in MATERIALS.values() for thing in material.objects]
-    assert len(objects) == 9 + 6, "those of the paper, and two materials that borrow their parameters"
+    assert len(objects) == 9 + 6 + 9, "those of the paper, two materials that borrow their parameters, and one of all"
     assert sum(thing.paper_mse is not None for thing in objects) == 6
     for material in MATERIALS.values():
         tests = planned_scenes(replace(SMALL, material=material))["test"]
         assert [dict(start.parameters) for start in tests] == [dict(thing.parameters) for thing in material.objects]
         assert all(set(thing.parameters) == set(material.ranges) for thing in material.objects)
+
+
+def test_a_material_of_several_kinds_has_the_scenes_of_each_in_turn() -> None:
+    drawn = draw_parameters(MATERIALS["unified"], 9, (5, 0))
+    assert [(one["plasticine_share"], one["sand_share"]) for one in drawn[:3]] == [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]
+    for number, kind in enumerate(KINDS):
+        alone = draw_parameters(MATERIALS[kind], 3, (5, 0))
+        assert [{name: one[name] for name in alone[0]} for one in drawn[number::3]] == alone
+    elastic = drawn[0::3]
+    assert len({(one["yield_stress"], one["friction_angle"]) for one in elastic}) == 1, "what it does not read"
+
+
+def test_the_test_scenes_of_a_material_of_several_kinds_are_those_of_each() -> None:
+    unified = planned_scenes(replace(SMALL, material=MATERIALS["unified"]))["test"]
+    alone = [start for kind in KINDS for start in planned_scenes(replace(SMALL, material=MATERIALS[kind]))["test"]]
+    assert [start.name for start in unified] == [start.name for start in alone]
+    for one, other in zip(unified, alone, strict=True):
+        assert {name: one.parameters[name] for name in other.parameters} == dict(other.parameters)
+        assert np.array_equal(one.velocity, other.velocity)
 
 
 def test_motions_are_fast_enough_not_too_fast_and_half_without_spin() -> None:

@@ -21,7 +21,7 @@ from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.errors import UserError
 from pcnclaws.laws.base import Elasticity, Plasticity, Values
 from pcnclaws.laws.elasticity import NeoHookean
-from pcnclaws.laws.materials import Material, material_named
+from pcnclaws.laws.materials import Kind, Material, material_named
 from pcnclaws.laws.operations import sum_of_squares, trace
 from pcnclaws.laws.parameters import YOUNGS_MODULUS, Parameter, compression_wave_speed
 from pcnclaws.laws.registry import Network, register
@@ -122,6 +122,10 @@ def test_a_law_that_branches_or_misspells_is_refused_in_one_line() -> None:
         ({"plastic": CohesiveDruckerPrager()}, "accepted: a class of Plasticity, or None"),
         ({"ranges": {**SOIL.ranges, "cohesoin": (1.0, 2.0)}}, "did you mean 'cohesion'"),
         ({"ranges": {**SOIL.ranges, "cohesion": (2.0, 1.0)}}, "accepted: two numbers, increasing"),
+        (
+            {"kinds": (Kind({}, SOIL.defaults), Kind(SOIL.ranges, {"cohesoin": 1.0}))},
+            "kinds.1. does not fit in cohesoin",
+        ),
         ({"elastic": Elasticity, "plastic": None}, "its laws name no physical_parameters"),
     ],
 )
