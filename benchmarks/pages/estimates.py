@@ -26,6 +26,7 @@ WAYS = {
     "markers": "analytic law, 100 markers",
     "points": "analytic law, 500 points without labels",
     "mismatched": "analytic law, 100 markers of a finer simulation",
+    "mismatched_third": "analytic law, 100 markers of one three times as fine",
 }
 # Of benchmarks/parts.py.
 TRUTHS = {

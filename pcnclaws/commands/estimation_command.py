@@ -24,7 +24,14 @@ from pcnclaws.commands.estimation_report import (
     result_values,
     verdicts,
 )
-from pcnclaws.commands.estimation_setup import estimator_from, guess_from, noise_from, start_from_guess, unknowns_from
+from pcnclaws.commands.estimation_setup import (
+    discrepancy_asked,
+    estimator_from,
+    guess_from,
+    noise_from,
+    start_from_guess,
+    unknowns_from,
+)
 from pcnclaws.commands.observation_setup import observation_from
 from pcnclaws.commands.outputs import RESULT, output_file, scene_files
 from pcnclaws.commands.runs import law_folder, laws_for, load_run
@@ -33,6 +40,7 @@ from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.locks import written_alone
 from pcnclaws.data.observation_files import stored_truth
 from pcnclaws.errors import UserError
+from pcnclaws.estimation.discrepancy import discrepancy_of
 from pcnclaws.estimation.goodness_of_fit import fit_of
 from pcnclaws.estimation.inverse import InverseModule
 from pcnclaws.estimation.inverse_search import fit_inverse
@@ -82,7 +90,7 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     material = material_named(config.material.name)
     estimator = estimator_from(config)
     observation = observation_from(config, material)
-    noise = noise_from(config)
+    noise, reckons = noise_from(config), discrepancy_asked(config)
     unknowns = unknowns_from(config, material, observation)
     laws, law_error = laws_for(config.law, material), known_law_error(law_folder(config.law, material))
     problem = EstimationProblem(laws, observation, unknowns, execution_from(config))
@@ -94,6 +102,9 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     fit_inverse(module, folder, console)
     found = uncertainty(module.linearisation(), unknowns, module.u, law_error, noise)
     fit = fit_of(problem, module.u, found, noise)
+    if reckons and fit.fitted is False:
+        fit = replace(fit, discrepancy=discrepancy_of(observation, found.residual))
+        found = uncertainty(module.linearisation(), unknowns, module.u, law_error, noise, fit.discrepancy)
 
     truth = stored_truth(observation, material.parameter_names)
     title = f"{material.name}, law {config.law}, {observation.name}: {observation.positions} positions"
