@@ -41,11 +41,12 @@ def unknowns_of(
     vary: str = "uniform",
     motion: bool = False,
     time_offset: bool = False,
+    **surroundings: bool,
 ) -> Unknowns:
     parts = components_of(vary, observation.position, observation.spacing)
     bodies = parts if vary == "bodies" else components_of("uniform", observation.position, observation.spacing)
     names = MATERIALS[observation.material].parameter_names
-    return make_unknowns(names, fixed or {}, parts, bodies, motion=motion, time_offset=time_offset)
+    return make_unknowns(names, fixed or {}, parts, bodies, motion=motion, time_offset=time_offset, **surroundings)
 
 
 def problem_of(

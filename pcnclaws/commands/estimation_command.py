@@ -40,7 +40,7 @@ from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.locks import written_alone
 from pcnclaws.data.observation_files import stored_truth
 from pcnclaws.errors import UserError
-from pcnclaws.estimation.discrepancy import discrepancy_of
+from pcnclaws.estimation.discrepancy import discrepancy_of, is_pattern
 from pcnclaws.estimation.goodness_of_fit import fit_of
 from pcnclaws.estimation.inverse import InverseModule
 from pcnclaws.estimation.inverse_search import fit_inverse
@@ -102,7 +102,7 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     fit_inverse(module, folder, console)
     found = uncertainty(module.linearisation(), unknowns, module.u, law_error, noise)
     fit = fit_of(problem, module.u, found, noise)
-    if reckons and fit.fitted is False:
+    if reckons and (fit.fitted is False or is_pattern(observation, found.residual)):
         fit = replace(fit, discrepancy=discrepancy_of(observation, found.residual))
         found = uncertainty(module.linearisation(), unknowns, module.u, law_error, noise, fit.discrepancy)
 

@@ -97,7 +97,8 @@ def verdicts(found: Uncertainty, fit: Fit) -> list[str]:
 def _fit_verdict(fit: Fit) -> list[str]:
     """One line where the motion is not fitted, or where that cannot be told."""
     if fit.fitted:
-        return []
+        alike = "neighbouring markers are off alike: "
+        return [] if fit.discrepancy is None else [alike + _discrepancy(fit.discrepancy)]
     if fit.fitted is False:
         without = "the estimate has no interval (discrepancy=true makes one that reckons with an error of the model)"
         intervals = without if fit.discrepancy is None else _discrepancy(fit.discrepancy)

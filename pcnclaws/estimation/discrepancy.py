@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 from scipy.stats import t as student
 
@@ -23,6 +24,9 @@ QUANTILE_95 = 1.959963984540054
 SHORTEST, LONGEST, TRIED = 1e-2, 4.0, 60
 # Pairs of markers are sorted by distance into so many classes, up to the size of the body.
 CLASSES = 12
+# Neighbours are alike where the sum of their products is so many times what it is by chance; pairs that are the nearest
+# of each other count twice, so that these are three standard errors.
+CHANCE = 4.0
 # A frame whose residual is smaller than this share of that of all has no pattern of its own.
 SMALLEST_SHARE = 1e-3
 
@@ -65,6 +69,24 @@ class Discrepancy:
         spread = spread @ self.in_space
         count = len(jacobian)
         return wide * field.reshape(count, -1) @ spread.reshape(count, -1).T
+
+
+def is_pattern(observation: Observation, residual: Float[np.ndarray, " rows"]) -> bool:
+    """Whether a residual is alike for neighbouring markers of a frame, more than white errors are by chance.
+
+    Each pair of neighbours counts once, however often it is seen: the error of the first frame, where a marker is put
+    on the body, is in all of its frames, and in none of its neighbour's.
+    """
+    place, seen = observation.places, observation.seen
+    if len(place) < 2:
+        return False
+    near = np.asarray(KDTree(place).query(place, k=2)[1])[:, 1]
+    field = _field(residual, seen)
+    both = seen & seen[:, near] & (np.square(field).sum((1, 2)) > 0.0)[:, None]
+    if 3 * both.sum() < FEWEST:
+        return False
+    products = np.where(both, np.sum(field * field[:, :, near], axis=1), 0.0).sum(0)
+    return bool(products.sum() > CHANCE * np.linalg.norm(products))
 
 
 def discrepancy_of(observation: Observation, residual: Float[np.ndarray, " rows"]) -> Discrepancy | None:

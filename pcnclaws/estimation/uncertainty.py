@@ -12,12 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from pcnclaws.estimation.discrepancy import QUANTILE_95, Discrepancy
-from pcnclaws.estimation.problem import Linearisation
-from pcnclaws.estimation.unknowns import Unknown, Unknowns
+from pcnclaws.estimation.problem import ROUNDING, Linearisation
+from pcnclaws.estimation.unknowns import WIDEST_SURROUNDINGS, Unknown, Unknowns
 from pcnclaws.laws.parameters import PARAMETERS
 
-# Rounding of the simulation in single precision [m]: the analytic law's own error, and the least noise there is.
-ROUNDING = 3e-7
 # Two unknowns that are this much correlated can stand for one another.
 CORRELATED = 0.98
 
@@ -154,7 +152,8 @@ def _estimate(unknown: Unknown, u: float, step: float, deviation: float) -> Esti
     if parameter is not None and parameter.logarithmic:
         known = most < parameter.widest * least
     else:
-        known = most - least < (np.inf if parameter is None else parameter.widest)
+        widest = WIDEST_SURROUNDINGS.get(unknown.name, np.inf) if parameter is None else parameter.widest
+        known = most - least < widest
     converged = bool(abs(step) <= deviation)
     return Estimate(
         unknown.label,

@@ -31,6 +31,8 @@ FRICTION = "wall_friction"
 TILTS = ("tilt_1", "tilt_2")
 SURROUNDINGS = (*WALLS, FRICTION, *TILTS)
 WALL_SCALE, TILT_SCALE = 1e-2, 1.0
+# An interval that is as wide as this tells nothing of them.
+WIDEST_SURROUNDINGS = dict.fromkeys(WALLS, 0.05) | {FRICTION: 0.5} | dict.fromkeys(TILTS, 20.0)
 # Friction of walls is sought between these [-].
 LEAST_FRICTION, MOST_FRICTION, LONGEST_FRICTION = 0.0, 2.0, 0.3
 
