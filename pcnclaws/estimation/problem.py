@@ -18,7 +18,7 @@ from torch.autograd import forward_ad
 from pcnclaws.data.observation import Observation
 from pcnclaws.estimation.comparison import Assignment, comparison_of, rates_of_offset
 from pcnclaws.estimation.scene_copies import Carried, SceneCopies
-from pcnclaws.estimation.surroundings import DIFFERENCE, displacement, friction_of, gravity_of
+from pcnclaws.estimation.surroundings import DIFFERENCE, displacement, friction_of, gravity_of, is_felt
 from pcnclaws.estimation.unknowns import SURFACE_OFFSET, TIME_OFFSET, Unknowns
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.layout import matrices_last, vectors_last
@@ -32,8 +32,6 @@ from pcnclaws.simulation.time_step import stability_of
 
 # So many particles are simulated at once.
 PARTICLES_AT_ONCE = 16_384
-# Rounding of the simulation in single precision [m]: the analytic law's own error, and the least noise there is.
-ROUNDING = 3e-7
 # A frame so near to a step, in steps, is at the step.
 AT_STEP = 1e-3
 
@@ -221,11 +219,8 @@ class EstimationProblem:
             chunks = [values[n : n + self._copies] for n in range(0, len(values), self._copies)]
             motions = torch.cat([self._observed(chunk, [None] * len(chunk)) for chunk in chunks], dim=2).unbind(2)
         changes = [after - before for after, before in zip(motions[::2], motions[1::2], strict=True)]
-        # what no wall is met along is rounding alone
-        felt = [float(change.square().mean()) > ROUNDING**2 for change in changes]
-        return {
-            k: change * (known / (2.0 * DIFFERENCE)) for k, change, known in zip(sought, changes, felt, strict=True)
-        }
+        rates = {k: change / (2.0 * DIFFERENCE) for k, change in zip(sought, changes, strict=True)}
+        return {k: rate if is_felt(self.unknowns.sought[k].name, rate) else 0.0 * rate for k, rate in rates.items()}
 
     def _observed(self, values: Sequence[np.ndarray], carried: Sequence[Carried]) -> Tensor:
         """Markers at the frames, (frames, 3, copies, markers), of the batch that _simulated describes."""

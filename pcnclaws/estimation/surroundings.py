@@ -7,12 +7,24 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
+from torch import Tensor
 
-from pcnclaws.estimation.unknowns import FRICTION, TILTS, WALLS, Unknowns
+from pcnclaws.estimation.unknowns import FRICTION, TILTS, WALL_SCALE, WALLS, Unknowns
 from pcnclaws.mpm.settings import SimulationSettings
 
 # Central differences go so far to either side, in coordinates: far above rounding, far below what bends the motion.
 DIFFERENCE = 0.02
+# Rounding of the simulation in single precision [m]: the analytic law's own error, and the least noise there is.
+ROUNDING = 3e-7
+# Walls that a body meets move it by about as much as they are displaced; where it lies on the grid, by less than this
+# share of that.
+LEAST_MOVED = 0.1
+
+
+def is_felt(name: str, rate: Tensor) -> bool:
+    """Whether an unknown has an influence, by the change of the motion with its coordinate [m]."""
+    size = float(rate.square().mean().sqrt())
+    return size > (LEAST_MOVED * WALL_SCALE if name in WALLS else ROUNDING / DIFFERENCE)
 
 
 def displacement(unknowns: Unknowns, values: np.ndarray) -> Float[np.ndarray, " 3"]:

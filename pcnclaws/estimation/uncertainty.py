@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from pcnclaws.estimation.discrepancy import QUANTILE_95, Discrepancy
-from pcnclaws.estimation.problem import ROUNDING, Linearisation
+from pcnclaws.estimation.problem import Linearisation
+from pcnclaws.estimation.surroundings import ROUNDING
 from pcnclaws.estimation.unknowns import WIDEST_SURROUNDINGS, Unknown, Unknowns
 from pcnclaws.laws.parameters import PARAMETERS
 

@@ -51,7 +51,7 @@ def fitted(problem: EstimationProblem, at: Linearisation, error: np.ndarray) -> 
 def known(problem: EstimationProblem, residual: np.ndarray) -> Discrepancy:
     found = discrepancy_of(problem.observation, residual)
     assert found is not None
-    return found
+    return replace(found, margin=1.0)
 
 
 def half_widths(found: Uncertainty) -> np.ndarray:
@@ -107,7 +107,8 @@ def test_more_markers_at_the_same_places_tell_no_more(problem: EstimationProblem
         np.tile(there.part, 2),
     )
     again = discrepancy_of(twice, doubled.residual)
-    found = uncertainty(doubled, problem.unknowns, u, 0.0, discrepancy=again)
+    assert again is not None
+    found = uncertainty(doubled, problem.unknowns, u, 0.0, discrepancy=replace(again, margin=1.0))
     np.testing.assert_allclose(half_widths(found), half_widths(once), rtol=0.2)
 
 
