@@ -105,7 +105,8 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     fit = fit_of(problem, module.u, found, noise)
     if reckons and (fit.fitted is False or is_pattern(observation, found.residual)):
         fit = replace(fit, discrepancy=discrepancy_of(observation, found.residual))
-        found = uncertainty(module.linearisation(), unknowns, module.u, law_error, noise, fit.discrepancy)
+        at, reckoned = module.linearisation(), fit.discrepancy
+        found = uncertainty(at, unknowns, module.u, law_error, noise=noise, discrepancy=reckoned)
 
     truth = stored_truth(observation, material.parameter_names)
     title = f"{material.name}, law {config.law}, {observation.name}: {observation.positions} positions"

@@ -113,13 +113,24 @@ def discrepancy_of(observation: Observation, residual: Float[np.ndarray, " rows"
     weight = (seen & told[:, None]).astype(float)
     time, place = observation.time, observation.places
     apart, distance = np.abs(time[:, None] - time), cdist(place, place)
-    in_time = _reach(apart, *_correlations(unit.transpose(0, 2, 1).reshape(len(time), -1), np.repeat(weight, 3, 1)))
+    reach_in_time = _reach(
+        apart, *_correlations(unit.transpose(0, 2, 1).reshape(len(time), -1), np.repeat(weight, 3, 1))
+    )
     by_marker = unit.transpose(2, 0, 1).reshape(len(place), -1)
-    in_space = _reach(distance, *_correlations(by_marker, np.repeat(weight.T, 3, 1)))
-    correlation_in_time, correlation_in_space = np.exp(-apart / in_time), np.exp(-distance / in_space)
+    reach_in_space = _reach(distance, *_correlations(by_marker, np.repeat(weight.T, 3, 1)))
+    correlation_in_time, correlation_in_space = np.exp(-apart / reach_in_time), np.exp(-distance / reach_in_space)
     frames = np.ix_(told, told)
     patterns = 3.0 * _independent(correlation_in_time[frames]) * _independent(correlation_in_space)
-    return Discrepancy(size, in_time, in_space, patterns, of_frame, seen, correlation_in_time, correlation_in_space)
+    return Discrepancy(
+        size,
+        reach_in_time,
+        reach_in_space,
+        patterns,
+        of_frame=of_frame,
+        seen=seen,
+        in_time=correlation_in_time,
+        in_space=correlation_in_space,
+    )
 
 
 def _field(rows: Float[np.ndarray, " rows"], seen: Bool[np.ndarray, "frames markers"]) -> np.ndarray:
