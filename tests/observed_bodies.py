@@ -41,11 +41,14 @@ def unknowns_of(
     vary: str = "uniform",
     motion: bool = False,
     time_offset: bool = False,
+    surroundings: Sequence[str] = (),
 ) -> Unknowns:
     parts = components_of(vary, observation.position, observation.spacing)
     bodies = parts if vary == "bodies" else components_of("uniform", observation.position, observation.spacing)
     names = MATERIALS[observation.material].parameter_names
-    return make_unknowns(names, fixed or {}, parts, bodies, motion=motion, time_offset=time_offset)
+    return make_unknowns(
+        names, fixed or {}, parts, bodies, motion=motion, time_offset=time_offset, **dict.fromkeys(surroundings, True)
+    )
 
 
 def problem_of(

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -191,6 +192,31 @@ def test_markers_of_a_table_with_a_noise_and_an_unknown_start(estimated, record,
     assert found["fit"]["fitted"] is True
 
 
+@pytest.mark.slow
+def test_a_discrepancy_gives_intervals_where_the_motion_is_not_fitted_and_changes_nothing_where_it_is(
+    estimated, record, tmp_path: Path
+) -> None:
+    noise = 5e-4 * np.random.default_rng(1).standard_normal(record.position.shape).astype(np.float32)
+    noise[0] = 0.0
+    short = ["screening=0", "estimator.iterations=3", "trajectory=false", "picture=false", "overwrite=true"]
+
+    def result(seen: SceneRecord, *options: str) -> dict[str, Any]:
+        write_scenes(tmp_path / "x.h5", [seen])
+        outcome = estimated(*short, *options)
+        assert outcome.status == 0, outcome.err
+        return json.loads((tmp_path / "new" / "e.json").read_text())
+
+    right = replace(record, position=record.position + noise)
+    assert result(right)["parameters"] == result(right, "discrepancy=true")["parameters"]
+    wrong = result(replace(right, time=2.0 * record.time), "discrepancy=true")
+    assert "not_fitted" in wrong["verdicts"]
+    assert any("the intervals take it for an error of the model of" in line for line in wrong["verdicts"])
+    assert wrong["fit"]["discrepancy"]["size"] > 1e-3
+    assert wrong["motion"] == {}
+    held = [one["interval_95"] for one in wrong["parameters"].values() if one["identifiable"]]
+    assert all(low < high for low, high in held)
+
+
 def test_a_motion_that_is_not_fitted_has_a_verdict_and_no_interval(estimated, record, tmp_path: Path) -> None:
     noise = 5e-4 * np.random.default_rng(1).standard_normal(record.position.shape).astype(np.float32)
     noise[0] = 0.0
@@ -244,6 +270,13 @@ def test_free_flight_gives_no_number(estimated, tmp_path: Path) -> None:
         (["unknown.motion=perhaps"], "unknown.motion=perhaps is not accepted"),
         (["scene.shape=cube", "scene.side=0.05"], "from the body; accepted: at most one grid cell"),
         (["output=x.h5"], "is the file of observation.file"),
+        (["unknown.walls=true", "estimator=adam"], "unknown.walls=true is not accepted with estimator=adam; accepted"),
+        (["unknown.friction=true", "simulation.boundary=slip"], "unknown.friction=true is not accepted with boundary"),
+        (
+            ["unknown.gravity=true", "simulation.gravity=[0,0,0]"],
+            "unknown.gravity=true is not accepted without gravity",
+        ),
+        (["discrepancy=true", "observation.kind=points", "scene.shape=cube"], "discrepancy=true is not accepted with"),
         (["device=cuda"], "device=cuda is not accepted; accepted: cpu"),
         (["observation.noise=0"], "observation.noise=0 is not accepted; accepted: above 0"),
         (["observation.noise=true"], "observation.noise=True is not accepted"),

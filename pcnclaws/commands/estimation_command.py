@@ -24,7 +24,14 @@ from pcnclaws.commands.estimation_report import (
     result_values,
     verdicts,
 )
-from pcnclaws.commands.estimation_setup import estimator_from, guess_from, noise_from, start_from_guess, unknowns_from
+from pcnclaws.commands.estimation_setup import (
+    discrepancy_asked,
+    estimator_from,
+    guess_from,
+    noise_from,
+    start_from_guess,
+    unknowns_from,
+)
 from pcnclaws.commands.observation_setup import observation_from
 from pcnclaws.commands.outputs import RESULT, output_file, scene_files
 from pcnclaws.commands.runs import law_folder, laws_for, load_run
@@ -33,6 +40,7 @@ from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.locks import written_alone
 from pcnclaws.data.observation_files import stored_truth
 from pcnclaws.errors import UserError
+from pcnclaws.estimation.discrepancy import discrepancy_of, is_pattern
 from pcnclaws.estimation.goodness_of_fit import fit_of
 from pcnclaws.estimation.inverse import InverseModule
 from pcnclaws.estimation.inverse_search import fit_inverse
@@ -81,6 +89,7 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     console = Console() if Console().is_terminal else Console(width=PLAIN_WIDTH)
     material = material_named(config.material.name)
     estimator = estimator_from(config)
+    reckons = discrepancy_asked(config)
     observation = observation_from(config, material)
     noise = noise_from(config)
     unknowns = unknowns_from(config, material, observation)
@@ -94,6 +103,10 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     fit_inverse(module, folder, console)
     found = uncertainty(module.linearisation(), unknowns, module.u, law_error, noise)
     fit = fit_of(problem, module.u, found, noise)
+    if reckons and (fit.fitted is False or is_pattern(observation, found.residual)):
+        fit = replace(fit, discrepancy=discrepancy_of(observation, found.residual))
+        at, reckoned = module.linearisation(), fit.discrepancy
+        found = uncertainty(at, unknowns, module.u, law_error, noise=noise, discrepancy=reckoned)
 
     truth = stored_truth(observation, material.parameter_names)
     title = f"{material.name}, law {config.law}, {observation.name}: {observation.positions} positions"

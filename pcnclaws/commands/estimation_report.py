@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from pcnclaws.data.observation import Observation
+from pcnclaws.estimation.discrepancy import Discrepancy
 from pcnclaws.estimation.goodness_of_fit import Fit
 from pcnclaws.estimation.uncertainty import CORRELATED, Estimate, Uncertainty
 from pcnclaws.estimation.unknowns import Unknowns
@@ -20,7 +21,7 @@ from pcnclaws.rendering.pictures import predicted_beside_true
 from pcnclaws.rendering.search_convergence import Course, convergence
 from pcnclaws.simulation.records import SceneRecord
 
-UNITS = {"velocity": "m/s", "spin": "rad/s", "time_offset": "s", "surface_offset": "m"}
+UNITS = {"velocity": "m/s", "spin": "rad/s", "time_offset": "s", "surface_offset": "m", "walls": "m", "tilt": "deg"}
 
 
 # Usual causes of a motion that is not fitted.
@@ -96,9 +97,12 @@ def verdicts(found: Uncertainty, fit: Fit) -> list[str]:
 def _fit_verdict(fit: Fit) -> list[str]:
     """One line where the motion is not fitted, or where that cannot be told."""
     if fit.fitted:
-        return []
+        alike = "neighbouring markers are off alike: "
+        return [] if fit.discrepancy is None else [alike + _discrepancy(fit.discrepancy)]
     if fit.fitted is False:
-        return [f"the motion is not fitted: {', '.join(_misfit(fit))}; the estimate has no interval; {CAUSES}"]
+        without = "the estimate has no interval (discrepancy=true makes one that reckons with an error of the model)"
+        intervals = without if fit.discrepancy is None else _discrepancy(fit.discrepancy)
+        return [f"the motion is not fitted: {', '.join(_misfit(fit))}; {intervals}; {CAUSES}"]
     if fit.freedom < 1:
         why = "there are not more observed coordinates than unknowns"
         lacking = "" if fit.has_intervals else "; without observation.noise= [m] the estimate has no interval"
@@ -123,6 +127,13 @@ def _misfit(fit: Fit) -> list[str]:
     if fit.stray:
         words.append(f"{fit.stray} points far from the surface hold more than half of its square: background?")
     return words
+
+
+def _discrepancy(found: Discrepancy) -> str:
+    return (
+        f"the intervals take it for an error of the model of {_length(found.size)}, alike over {found.time:.2g} s and "
+        f"{found.length:.2g} m, with {found.patterns:.0f} independent values"
+    )
 
 
 def _length(size: float) -> str:
@@ -172,7 +183,12 @@ def _fit_values(fit: Fit) -> dict[str, Any]:
         "tolerance": fit.tolerance,
         "odd_markers": list(fit.odd),
         "stray_points": fit.stray,
+        "discrepancy": None if fit.discrepancy is None else _discrepancy_values(fit.discrepancy),
     }
+
+
+def _discrepancy_values(found: Discrepancy) -> dict[str, float]:
+    return {name: getattr(found, name) for name in ("size", "time", "length", "patterns")}
 
 
 def leave_estimation_pictures(

@@ -15,7 +15,7 @@ from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.screening import screened_start, stable_start
 from pcnclaws.estimation.start_motion import with_first_motion
 from pcnclaws.estimation.transforms import transform_of
-from pcnclaws.estimation.unknowns import Unknowns, components_of, make_unknowns
+from pcnclaws.estimation.unknowns import FRICTION, Unknowns, components_of, make_unknowns
 from pcnclaws.laws.materials import Material
 from pcnclaws.laws.parameters import PARAMETERS
 
@@ -67,6 +67,9 @@ def unknowns_from(config: EstimateConfig, material: Material, observation: Obser
         motion=sought,
         time_offset=bool(config.unknown.time_offset),
         surface_offset=_surface_offset(config.unknown.surface_offset, observation),
+        walls=_surrounding(config, "walls"),
+        friction=_surrounding(config, "friction", observation),
+        gravity=_surrounding(config, "gravity", observation),
     )
 
 
@@ -75,6 +78,30 @@ def _surface_offset(word: bool | str, observation: Observation) -> bool:
     if word not in ("auto", True, False):
         raise UserError(f"unknown.surface_offset={word} is not accepted; accepted: true, false, auto")
     return observation.points is not None and bool(word)
+
+
+def _surrounding(config: EstimateConfig, name: str, observation: Observation | None = None) -> bool:
+    """Whether `unknown.walls`, `unknown.friction` or `unknown.gravity` is sought."""
+    option = f"unknown.{name}=true"
+    if not getattr(config.unknown, name):
+        return False
+    if config.estimator.name != "gauss_newton":
+        raise UserError(
+            f"{option} is not accepted with estimator={config.estimator.name}; accepted: estimator=gauss_newton"
+        )
+    settings = observation.settings if observation else None
+    if name == "friction" and settings and settings.boundary != "separate":
+        raise UserError(f"{option} is not accepted with boundary '{settings.boundary}'; accepted: separate")
+    if name == "gravity" and settings and not any(settings.gravity):
+        raise UserError(f"{option} is not accepted without gravity; accepted: simulation.gravity other than 0")
+    return True
+
+
+def discrepancy_asked(config: EstimateConfig) -> bool:
+    """Whether intervals are to reckon with the error of a model that does not fit the motion."""
+    if config.discrepancy and config.observation.kind == "points":
+        raise UserError("discrepancy=true is not accepted with observation.kind=points; accepted: markers")
+    return config.discrepancy
 
 
 def guess_from(config: EstimateConfig, material: Material, problem: EstimationProblem) -> np.ndarray:
@@ -91,6 +118,8 @@ def guess_from(config: EstimateConfig, material: Material, problem: EstimationPr
                 "initial_guess.%s=%g is at the edge of what is possible: starts from %.4g", name, value, inside[name]
             )
     sought = problem.unknowns.sought
+    rubbing = problem.observation.settings.friction
+    inside |= {unknown.name: unknown.transform.inside(rubbing) for unknown in sought if unknown.name == FRICTION}
     values = np.array([inside.get(unknown.name, 0.0) for unknown in sought])
     if problem.observation.initial_velocity is None:
         values = with_first_motion(problem.observation, problem.unknowns, values)

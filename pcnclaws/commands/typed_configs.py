@@ -116,6 +116,7 @@ class EstimateConfig(SimulatingCommand):
     fixed: Mapping[str, Unchecked]
     vary: str
     unknown: UnknownMotion
+    discrepancy: bool
     screening: int
     overwrite: bool
     picture: bool

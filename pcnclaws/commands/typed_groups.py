@@ -218,6 +218,9 @@ class UnknownMotion:
     motion: bool | str
     time_offset: bool
     surface_offset: bool | str
+    walls: bool
+    friction: bool
+    gravity: bool
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Float
 
 from pcnclaws.data.observation import Observation, ObservedPoints
+from pcnclaws.estimation.discrepancy import Discrepancy
 from pcnclaws.estimation.first_frame import Rest, local_deformation, without_first_error
 from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.scatter import FEWEST, Scatter, given_scatter, scatter_of, scatter_on_surface
@@ -49,6 +50,7 @@ class Fit:
     fitted     whether the model explains the motion; None where that cannot be told
     stray      points without labels that are farther from the surface than their scatter explains, where they hold most
                of the squared residual
+    discrepancy  the error of the model that the intervals reckon with where the motion is not fitted, None for none
     """
 
     residual: float
@@ -59,11 +61,14 @@ class Fit:
     freedom: int
     fitted: bool | None
     stray: int = 0
+    discrepancy: Discrepancy | None = None
 
     @property
     def has_intervals(self) -> bool:
         """Whether intervals say anything: of a motion that is not fitted, or of errors of unknown size, none does."""
-        return self.fitted is not False and (self.freedom > 0 or (self.scatter is not None and self.scatter.given))
+        if self.fitted is False:
+            return self.discrepancy is not None
+        return self.freedom > 0 or (self.scatter is not None and self.scatter.given)
 
 
 def fit_of(

@@ -1,10 +1,12 @@
 """Least-squares problem of an estimation: residuals of a simulated motion and their Jacobian.
 
 Candidates, and the copies of the scene that carry one derivative each, are scenes of one batch. Derivatives are exact,
-in forward mode: a rollout of K copies gives the Jacobian of K unknowns, and no graph is kept.
+in forward mode: a rollout of K copies gives the Jacobian of K unknowns, and no graph is kept. Those of what stands
+around the body are central differences.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +17,12 @@ from torch.autograd import forward_ad
 
 from pcnclaws.data.observation import Observation
 from pcnclaws.estimation.comparison import Assignment, comparison_of, rates_of_offset
+from pcnclaws.estimation.scene_copies import Carried, SceneCopies
+from pcnclaws.estimation.surroundings import DIFFERENCE, displacement, friction_of, gravity_of, is_felt
 from pcnclaws.estimation.unknowns import SURFACE_OFFSET, TIME_OFFSET, Unknowns
 from pcnclaws.laws.analytic import Laws
-from pcnclaws.layout import matrices_first, matrices_last, vectors_first, vectors_last
-from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.layout import matrices_last, vectors_last
+from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
 from pcnclaws.simulation.rollout import positions_at
@@ -77,14 +81,10 @@ class EstimationProblem:
         self.laws, self.observation, self.unknowns = laws, observation, unknowns
         self.execution, self.dtype = execution, execution.dtype
         self.simulator = simulator_of(laws, observation.settings, execution.skips).to(dtype=self.dtype)
-        self._position = self._tensor(vectors_first(observation.position))
-        self._volume = self._tensor(observation.volume)
-        self._density = None if observation.density is None else self._tensor(observation.density)
+        self._scene = SceneCopies(observation, unknowns, self.dtype)
         self._particle = torch.from_numpy(np.ascontiguousarray(observation.particle))
-        self._weight = self._tensor(observation.weight)
+        self._weight = self._scene.tensor(observation.weight)
         self.comparison = comparison_of(observation, self.dtype)
-        self._rigid = {k: vectors_first(self._rigid_motion(k)) for k in unknowns.motion}
-        self._gradient = {k: self._rigid_gradient(k) for k in unknowns.motion if observation.spins_have_gradient}
 
     def mse(self, candidates: Sequence[np.ndarray]) -> list[float]:
         """Mean squared distance [m^2] of each candidate's motion; infinite where it is unstable or diverges."""
@@ -115,6 +115,7 @@ class EstimationProblem:
             rates[k] = slopes[k] * self._velocity(values)
         for k in self.unknowns.index(SURFACE_OFFSET):
             rates[k] = slopes[k] * rates_of_offset(found)
+        rates |= self._differences(u)
         assignment = self._assigned(found, values)
         for k, rate in rates.items():
             jacobian[k] = assignment.change(rate).double().numpy()
@@ -126,21 +127,10 @@ class EstimationProblem:
         values, slopes = self.unknowns.values(u), self.unknowns.slopes(u)
         # the value is exact, the derivative that of the transform
         free = torch.as_tensor(values) + torch.as_tensor(slopes) * (coordinates.double() - torch.as_tensor(u))
-        parameters = self._fixed()
-        velocity, affine = self._start_velocity(values), self._start_affine(values)
-        for k, unknown in enumerate(self.unknowns.sought):
-            if unknown.is_motion:
-                change = (free[k] - values[k]).to(self.dtype)
-                velocity = velocity + change * self._tensor(self._rigid[k])
-                if k in self._gradient:
-                    affine = affine + change * self._tensor(self._gradient[k])
-            elif unknown.component is not None:
-                share = self._tensor(unknown.component.share)
-                parameters[unknown.name] = parameters.get(unknown.name, 0.0) + free[k].to(self.dtype) * share
         plan = self._interpolation(values)
-        state = ParticleState.at_rest_shape(self._position, velocity, affine)
-        found = self._positions(SceneBatch(state, self._scenes(1), parameters), plan)
-        motion = self._at_frames(found[:, :, None, :], plan)[:, :, 0]
+        friction = friction_of(self.unknowns, values, self.observation.settings)
+        found = self._positions(self._scene.differentiable(values, free), plan, friction)
+        motion = self._displaced(self._at_frames(found[:, :, None, :], plan), [values])[:, :, 0]
         for k in self.unknowns.index(SURFACE_OFFSET):
             motion = motion + (free[k] - values[k]).to(self.dtype) * rates_of_offset(motion)
         return self._assigned(motion, values).residual(motion).square().mean()
@@ -166,18 +156,18 @@ class EstimationProblem:
         return self._assigned(found[:, :, 0], values).part
 
     def start(self, u: Float[np.ndarray, " unknowns"]) -> SceneStart:
-        """Where the scene starts."""
+        """Where the scene starts, on the grid: where walls are displaced, it is the body that is."""
         values, observation = self.unknowns.values(u), self.observation
         parameters = self.unknowns.parameters(values)
         return SceneStart(
             observation.name,
             observation.material,
-            observation.settings,
+            self._settings(values),
             {name: float(one[0]) for name, one in parameters.items() if np.ptp(one) == 0.0},
-            position=observation.position,
-            velocity=vectors_last(self._start_velocity(values).double()),
+            position=observation.position - displacement(self.unknowns, values),
+            velocity=vectors_last(self._scene.velocity(values).double()),
             volume=observation.volume,
-            affine=matrices_last(self._start_affine(values).double()),
+            affine=matrices_last(self._scene.affine(values).double()),
             density=observation.density,
             varying={name: one for name, one in parameters.items() if np.ptp(one) > 0.0},
         )
@@ -187,9 +177,17 @@ class EstimationProblem:
         stability = stability_of(self.start(u))
         return stability.cfl / stability.stable_cfl
 
+    def _settings(self, values: np.ndarray) -> SimulationSettings:
+        """Those of the observation, with the friction and the gravity that are sought."""
+        settings = self.observation.settings
+        if not self.unknowns.surroundings:
+            return settings
+        x, y, z = gravity_of(self.unknowns, values, settings.gravity).tolist()
+        return replace(settings, gravity=(x, y, z), friction=friction_of(self.unknowns, values, settings))
+
     @property
     def _copies(self) -> int:
-        return max(PARTICLES_AT_ONCE // self._position.shape[1], 1)
+        return max(PARTICLES_AT_ONCE // self._scene.particles, 1)
 
     def _rates(self, values: np.ndarray, slopes: np.ndarray) -> tuple[Tensor, dict[int, Tensor]]:
         """Positions of the markers (frames, 3, markers), and their rates for parameters and start velocities."""
@@ -210,57 +208,55 @@ class EstimationProblem:
             found, rates = forward_ad.unpack_dual(dual)
             return found, torch.zeros_like(found) if rates is None else rates
 
-    def _observed(self, values: Sequence[np.ndarray], carried: Sequence[tuple[int, float] | None]) -> Tensor:
+    def _differences(self, u: Float[np.ndarray, " unknowns"]) -> dict[int, Tensor]:
+        """Changes of the markers (frames, 3, markers) with what stands around the body, by central differences."""
+        sought = self.unknowns.surroundings
+        if not sought:
+            return {}
+        ends = [u + sign * DIFFERENCE * np.eye(len(u))[k] for k in sought for sign in (1.0, -1.0)]
+        values = [self.unknowns.values(end) for end in ends]
+        with torch.no_grad():
+            chunks = [values[n : n + self._copies] for n in range(0, len(values), self._copies)]
+            motions = torch.cat([self._observed(chunk, [None] * len(chunk)) for chunk in chunks], dim=2).unbind(2)
+        changes = [after - before for after, before in zip(motions[::2], motions[1::2], strict=True)]
+        rates = {k: change / (2.0 * DIFFERENCE) for k, change in zip(sought, changes, strict=True)}
+        return {k: rate if is_felt(self.unknowns.sought[k].name, rate) else 0.0 * rate for k, rate in rates.items()}
+
+    def _observed(self, values: Sequence[np.ndarray], carried: Sequence[Carried]) -> Tensor:
         """Markers at the frames, (frames, 3, copies, markers), of the batch that _simulated describes."""
         plan = self._interpolation(values[0])
-        return self._at_frames(self._simulated(values, carried, plan), plan)
+        return self._displaced(self._at_frames(self._simulated(values, carried, plan), plan), values)
 
-    def _simulated(
-        self, values: Sequence[np.ndarray], carried: Sequence[tuple[int, float] | None], plan: _Interpolation
-    ) -> Tensor:
+    def _displaced(self, motion: Tensor, values: Sequence[np.ndarray]) -> Tensor:
+        """Markers on the grid, (frames, 3, copies, markers), as they are where the walls are displaced."""
+        away = np.stack([displacement(self.unknowns, one) for one in values], axis=1)
+        if not away.any():
+            return motion
+        return motion + self._scene.tensor(away)[:, :, None] * self._weight.sum(1)
+
+    def _simulated(self, values: Sequence[np.ndarray], carried: Sequence[Carried], plan: _Interpolation) -> Tensor:
         """Particles at the steps, (steps, 3, copies, particles), of one batch with a copy of the scene for each entry.
 
         carried  the unknown whose derivative a copy carries and its slope, None for none
         """
-        copies, particles = len(values), self._position.shape[1]
-        of_copies = [self.unknowns.parameters(one) for one in values]
-        names = sorted(of_copies[0])
-        parameters = {name: self._tensor(np.concatenate([one[name] for one in of_copies])) for name in names}
-        velocity = torch.cat([self._start_velocity(one) for one in values], dim=1)
-        affine = torch.cat([self._start_affine(one) for one in values], dim=2)
-        rates = {name: np.zeros(copies * particles) for name in names}
-        velocity_rate, affine_rate = np.zeros((3, copies * particles)), np.zeros((3, 3, copies * particles))
-        moving = set()
-        for copy, carry in enumerate(carried):
-            if carry is None:
-                continue
-            k, slope = carry
-            unknown, where = self.unknowns.sought[k], slice(copy * particles, (copy + 1) * particles)
-            if unknown.is_motion:
-                velocity_rate[:, where] = slope * self._rigid[k]
-                moving.add("velocity")
-                if k in self._gradient:
-                    affine_rate[:, :, where] = slope * self._gradient[k]
-            elif unknown.component is not None:
-                rates[unknown.name][where] = slope * unknown.component.share
-                moving.add(unknown.name)
-        for name in moving & set(names):
-            parameters[name] = forward_ad.make_dual(parameters[name], self._tensor(rates[name]))
-        if "velocity" in moving:
-            velocity = forward_ad.make_dual(velocity, self._tensor(velocity_rate))
-        if affine_rate.any():
-            affine = forward_ad.make_dual(affine, self._tensor(affine_rate))
-        state = ParticleState.at_rest_shape(self._position.repeat(1, copies), velocity, affine)
-        found = self._positions(SceneBatch(state, self._scenes(copies), parameters), plan)
-        return found.unflatten(2, (copies, particles))
+        frictions = {friction_of(self.unknowns, one, self.observation.settings) for one in values}
+        if len(frictions) > 1:  # walls belong to a simulator, not to a scene
+            single = [self._simulated([one], [carry], plan) for one, carry in zip(values, carried, strict=True)]
+            return torch.cat(single, dim=2)
+        found = self._positions(self._scene.batch(values, carried), plan, frictions.pop())
+        return found.unflatten(2, (len(values), self._scene.particles))
 
-    def _positions(self, batch: SceneBatch, plan: _Interpolation) -> Tensor:
-        return positions_at(self.simulator, batch, plan.steps, skips=self.execution.skips)
+    def _positions(self, batch: SceneBatch, plan: _Interpolation, friction: float) -> Tensor:
+        simulator = self.simulator
+        if friction != self.observation.settings.friction:
+            settings = replace(self.observation.settings, friction=friction)
+            simulator = simulator_of(self.laws, settings, self.execution.skips).to(dtype=self.dtype)
+        return positions_at(simulator, batch, plan.steps, skips=self.execution.skips)
 
     def _at_frames(self, found: Tensor, plan: _Interpolation) -> Tensor:
         """Positions of particles at steps, (steps, 3, copies, particles), as those of markers at frames."""
         markers = self._markers(found)
-        share = self._tensor(plan.share)[:, None, None, None]
+        share = self._scene.tensor(plan.share)[:, None, None, None]
         return markers[plan.before] * (1.0 - share) + markers[plan.after] * share
 
     def _markers(self, found: Tensor) -> Tensor:
@@ -295,44 +291,3 @@ class EstimationProblem:
 
     def _surface_offset(self, values: np.ndarray) -> float:
         return float(sum(values[k] for k in self.unknowns.index(SURFACE_OFFSET)))
-
-    def _start_velocity(self, values: np.ndarray) -> Tensor:
-        known = self.observation.initial_velocity
-        start = np.zeros_like(self.observation.position) if known is None else known
-        velocity = vectors_first(start.astype(np.float64))
-        for k in self.unknowns.motion:
-            velocity = velocity + values[k] * self._rigid[k]
-        return self._tensor(velocity)
-
-    def _start_affine(self, values: np.ndarray) -> Tensor:
-        known = self.observation.initial_affine
-        affine = np.zeros((3, 3, len(self.observation.position))) if known is None else matrices_first(known)
-        for k, gradient in self._gradient.items():
-            affine = affine + values[k] * gradient
-        return self._tensor(affine)
-
-    def _rigid_motion(self, k: int) -> Float[np.ndarray, "particles 3"]:
-        """Velocities that a unit of a start velocity or a spin gives to its body."""
-        unknown, position = self.unknowns.sought[k], self.observation.position
-        share = unknown.component.share if unknown.component else np.ones(len(position))
-        return share[:, None] * unknown.rigid_velocity(position, position)
-
-    def _rigid_gradient(self, k: int) -> Float[np.ndarray, "3 3 particles"]:
-        """Velocity gradients that a unit of a start velocity or a spin gives to its body."""
-        unknown = self.unknowns.sought[k]
-        share = unknown.component.share if unknown.component else np.ones(len(self.observation.position))
-        return unknown.velocity_gradient()[:, :, None] * share
-
-    def _fixed(self) -> dict[str, Tensor]:
-        return {name: self._tensor(known) for name, known in self.unknowns.fixed.items()}
-
-    def _scenes(self, copies: int) -> Scenes:
-        settings, particles = self.observation.settings, self._position.shape[1]
-        index = torch.arange(copies).repeat_interleave(particles)
-        volume = self._volume.repeat(copies)
-        gravity = self._tensor(np.tile(np.array(settings.gravity)[:, None], (1, copies)))
-        density = settings.density if self._density is None else self._density.repeat(copies)
-        return Scenes(index, density * volume, volume, gravity)
-
-    def _tensor(self, values: np.ndarray) -> Tensor:
-        return torch.as_tensor(np.ascontiguousarray(values), dtype=self.dtype)

@@ -11,14 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from pcnclaws.estimation.discrepancy import QUANTILE_95, Discrepancy
 from pcnclaws.estimation.problem import Linearisation
-from pcnclaws.estimation.unknowns import Unknown, Unknowns
+from pcnclaws.estimation.surroundings import ROUNDING
+from pcnclaws.estimation.unknowns import WIDEST_SURROUNDINGS, Unknown, Unknowns
 from pcnclaws.laws.parameters import PARAMETERS
 
-# Normal quantile of a two-sided interval of 95 %.
-QUANTILE_95 = 1.959963984540054
-# Rounding of the simulation in single precision [m]: the analytic law's own error, and the least noise there is.
-ROUNDING = 3e-7
 # Two unknowns that are this much correlated can stand for one another.
 CORRELATED = 0.98
 
@@ -68,6 +66,7 @@ def uncertainty(
     u: Float[np.ndarray, " unknowns"],
     law_error: float,
     noise: float | None = None,
+    discrepancy: Discrepancy | None = None,
 ) -> Uncertainty:
     """The uncertainty at the end of a search.
 
@@ -75,6 +74,7 @@ def uncertainty(
     next Gauss-Newton step, which is right to its order alone, and by its half-width further.
     law_error  calibrated error of the law [m]
     noise      standard deviation of an observed coordinate [m]; None: that of the residual
+    discrepancy  the error of a wrong model, in place of independent errors of that size
     """
     rows = at.jacobian.shape[1]
     normal = at.jacobian @ at.jacobian.T
@@ -89,6 +89,9 @@ def uncertainty(
     scatter = float(np.sqrt(np.sum(np.square(minimum.residual)) / max(freedom, 1)))
     noise = max(scatter, noise or 0.0, ROUNDING)
     of_noise = noise**2 * inverse * _clustering(minimum, inverse, noise, felt)
+    if discrepancy is not None and felt.any():
+        told = np.ix_(felt, felt)
+        of_noise[told] = inverse[told] @ discrepancy.projected(at.jacobian[felt]) @ inverse[told]
     of_law = law_error**2 * rows * inverse
     covariance = of_noise + of_law
     deviation = np.sqrt(np.diag(covariance))
@@ -150,7 +153,8 @@ def _estimate(unknown: Unknown, u: float, step: float, deviation: float) -> Esti
     if parameter is not None and parameter.logarithmic:
         known = most < parameter.widest * least
     else:
-        known = most - least < (np.inf if parameter is None else parameter.widest)
+        widest = WIDEST_SURROUNDINGS.get(unknown.name, np.inf) if parameter is None else parameter.widest
+        known = most - least < widest
     converged = bool(abs(step) <= deviation)
     return Estimate(
         unknown.label,

@@ -25,6 +25,16 @@ VELOCITY_SCALE, SPIN_SCALE, OFFSET_SCALE, SURFACE_SCALE = 1.0, 4.0, 1e-2, 1e-2
 MOTION = ("velocity_x", "velocity_y", "velocity_z", "spin_x", "spin_y", "spin_z")
 TIME_OFFSET = "time_offset"
 SURFACE_OFFSET = "surface_offset"
+# Displacement of walls and colliders along the axes [m], friction of the walls [-], turns of gravity [deg].
+WALLS = ("walls_x", "walls_y", "walls_z")
+FRICTION = "wall_friction"
+TILTS = ("tilt_1", "tilt_2")
+SURROUNDINGS = (*WALLS, FRICTION, *TILTS)
+WALL_SCALE, TILT_SCALE = 1e-2, 1.0
+# An interval that is as wide as this tells nothing of them.
+WIDEST_SURROUNDINGS = dict.fromkeys(WALLS, 0.05) | {FRICTION: 0.5} | dict.fromkeys(TILTS, 20.0)
+# Friction of walls is sought between these [-].
+LEAST_FRICTION, MOST_FRICTION, LONGEST_FRICTION = 0.0, 2.0, 0.3
 
 
 @dataclass(frozen=True)
@@ -43,8 +53,8 @@ class Component:
 class Unknown:
     """One number that is sought.
 
-    name       youngs_modulus, ...; velocity_x, ..., spin_z; time_offset, surface_offset
-    component  the part of the scene that it belongs to, None for the clock and the surface
+    name       youngs_modulus, ...; velocity_x, ..., spin_z; time_offset, surface_offset; one of SURROUNDINGS
+    component  the part of the scene that it belongs to, None for the clock, the surface and the surroundings
     """
 
     name: str
@@ -131,6 +141,11 @@ class Unknowns:
         return [k for k, unknown in enumerate(self.sought) if unknown.is_motion]
 
     @property
+    def surroundings(self) -> list[int]:
+        """Numbers of what stands around the body."""
+        return [k for k, unknown in enumerate(self.sought) if unknown.name in SURROUNDINGS]
+
+    @property
     def physical(self) -> list[int]:
         """Numbers of the physical parameters."""
         return [k for k, unknown in enumerate(self.sought) if unknown.name in PARAMETERS]
@@ -145,6 +160,9 @@ def make_unknowns(
     motion: bool,
     time_offset: bool,
     surface_offset: bool = False,
+    walls: bool = False,
+    friction: bool = False,
+    gravity: bool = False,
 ) -> Unknowns:
     """The unknowns of a scene.
 
@@ -155,6 +173,9 @@ def make_unknowns(
     motion          whether start velocities and spins are sought, too
     time_offset     whether the clock of the observation is
     surface_offset  whether it is sought how far the surface is from where the volume of the body puts it
+    walls           whether it is sought where walls and colliders are
+    friction        whether the friction of the walls is sought
+    gravity         whether it is sought which way gravity points
     raises          UserError where nothing is left to estimate
     """
     for name in fixed:
@@ -171,6 +192,10 @@ def make_unknowns(
         sought.append(Unknown(TIME_OFFSET, None, Free(OFFSET_SCALE)))
     if surface_offset:
         sought.append(Unknown(SURFACE_OFFSET, None, Free(SURFACE_SCALE)))
+    sought += [Unknown(name, None, Free(WALL_SCALE)) for name in WALLS if walls]
+    if friction:
+        sought.append(Unknown(FRICTION, None, Transform(LEAST_FRICTION, MOST_FRICTION, LONGEST_FRICTION)))
+    sought += [Unknown(name, None, Free(TILT_SCALE)) for name in TILTS if gravity]
     particles = len(components[0].share)
     return Unknowns(tuple(sought), {name: np.full(particles, value) for name, value in fixed.items()})
 
