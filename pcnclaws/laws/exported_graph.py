@@ -17,7 +17,6 @@ from torch.fx.experimental.proxy_tensor import make_fx
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.errors import UserError, not_installed
 from pcnclaws.laws.constitutive_model import ConstitutiveModel
-from pcnclaws.laws.law import Law
 from pcnclaws.tensor_types import Parameters
 
 INPUTS, OUTPUTS = ("trial", "parameters"), ("elastic", "stress")
@@ -41,17 +40,16 @@ class LawValues(nn.Module):
         laws = model.laws_in(torch.float64, "cpu")
         self.elasticity, self.plasticity = laws.elasticity, laws.plasticity
         self.names = model.parameter_names
-        both = [law for law in laws if isinstance(law, Law)]
         if laws.internal_variables or (laws.plasticity is not None and laws.plasticity.reads_time_step):
             raise UserError(
                 f"format=onnx: the law of {model.material.name} remembers or takes time; accepted: laws without "
                 "internal variables and time, or format=cpp"
             )
-        for law in both:
-            if not law.is_principal:
+        for law in (laws.elasticity, laws.plasticity):
+            if law is not None and not law.is_principal:
                 raise UserError(
-                    f"format=onnx: the law {type(law).__name__} is not a function of principal strains, and ONNX has no "
-                    "operator for its matrices; accepted: laws that are, or format=zip"
+                    f"format=onnx: the law {type(law).__name__} is not a function of principal strains, of which "
+                    "graphs are made; accepted: laws that are, or format=zip"
                 )
 
     def forward(self, trial: Tensor, parameters: Tensor) -> tuple[Tensor, Tensor]:
@@ -112,7 +110,10 @@ def onnx_graph(model: ConstitutiveModel) -> bytes:
         tracing = make_fx(program, decomposition_table=SIMPLER, tracing_mode="symbolic", _allow_non_fake_inputs=True)
         graph = _with_precise_numbers(tracing(*given))
         exported = torch.export.export(graph, given, dynamic_shapes=shapes, strict=False)
-        made = torch.onnx.export(exported, dynamo=True, input_names=INPUTS, output_names=OUTPUTS, verbose=False)
+        # not optimised: that takes numbers below 1e-8 for zero
+        made = torch.onnx.export(
+            exported, dynamo=True, optimize=False, input_names=INPUTS, output_names=OUTPUTS, verbose=False
+        )
     if made is None:
         raise UserError(f"format=onnx: PyTorch makes no graph of the law of {model.material.name}; accepted: cpp, zip")
     return _without_notes(made.model_proto).SerializeToString()
@@ -131,7 +132,7 @@ def _softplus(x: Tensor, beta: float = 1.0, threshold: float = 20.0) -> Tensor:
     return x.clamp_min(0.0) + (1.0 + (-x.abs()).exp()).log()
 
 
-def _gelu(x: Tensor, approximate: str = "none") -> Tensor:
+def gelu(x: Tensor, approximate: str = "none") -> Tensor:
     """x (1 + erf(x / sqrt(2))) / 2, by a polynomial in t = 2/(2 + z) times t e^(-z^2), z = |x| / sqrt(2).
 
     Runtimes have the error function in single precision alone.
@@ -155,7 +156,7 @@ def _scaled_erfc(t: np.ndarray) -> np.ndarray:
 # What runtimes have no operator for in double precision.
 SIMPLER = {
     aten.softplus.default: _softplus,
-    aten.gelu.default: _gelu,
+    aten.gelu.default: gelu,
     aten.full_like.default: lambda like, value, **_: torch.zeros_like(like) + value,
 }
 
