@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.polynomial.chebyshev import chebinterpolate
+from numpy.polynomial.chebyshev import chebfit, chebpts1
 from scipy.special import erfcx
 from torch import Tensor, fx, nn
 from torch.fx.experimental.proxy_tensor import make_fx
@@ -142,7 +142,8 @@ def gelu(x: Tensor, approximate: str = "none") -> Tensor:
     least = 2.0 / (2.0 + LARGEST)
     u = (2.0 * t - (1.0 + least)) / (1.0 - least)
     rest, before = torch.zeros_like(x), torch.zeros_like(x)
-    coefficients = chebinterpolate(lambda v: _scaled_erfc(0.5 * (v * (1.0 - least) + 1.0 + least)), DEGREE)
+    points = chebpts1(DEGREE + 1)
+    coefficients = chebfit(points, _scaled_erfc(0.5 * (points * (1.0 - least) + 1.0 + least)), DEGREE)
     for coefficient in coefficients[:0:-1]:  # Clenshaw's recurrence
         rest, before = 2.0 * u * rest - before + float(coefficient), rest
     beyond = 0.5 * (t * (u * rest - before + float(coefficients[0]))) * (-z * z).exp()

@@ -91,10 +91,10 @@ def test_states_turned_inside_out_are_not_numbers() -> None:
     ],
 )
 def test_onnxruntime_computes_the_same(name: str, law: str, in_process: Any) -> None:
-    for package in ("onnx", "onnxscript", "onnxruntime"):
+    onnxruntime, *_ = (
         pytest.importorskip(package, reason="needs pip install onnx onnxscript onnxruntime")
-    import onnxruntime
-
+        for package in ("onnxruntime", "onnxscript", "onnx")
+    )
     done = in_process(export, "export", *law.split(), "output=law.onnx")
     assert done.status == 0, done.err
     session = onnxruntime.InferenceSession("law.onnx", providers=["CPUExecutionProvider"])
