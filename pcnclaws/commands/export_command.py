@@ -6,7 +6,9 @@ from pcnclaws.commands.outputs import output_file
 from pcnclaws.commands.recorded_motion import fields_of, recorded_scene
 from pcnclaws.commands.typed_configs import ExportConfig
 from pcnclaws.data.motion_files import FORMATS, write_motion
+from pcnclaws.data.surface_files import write_surfaces
 from pcnclaws.errors import UserError
+from pcnclaws.geometry.reconstructed_surface import require_marching_cubes
 
 # What the words of `format=` stand for: endings, the first one where output= has none.
 ENDINGS = {
@@ -42,12 +44,28 @@ def _export_motion(config: ExportConfig) -> None:
     if output.suffix == ".pvd" and config.frame is not None:
         output = output.with_suffix(".vtu")
     FORMATS[output.suffix].require()
+    if config.surface:
+        _check_surface(config, chosen)
     record = recorded_scene(config.trajectory, config.scene, "trajectory")
     frame = _frame(config)
-    files = write_motion(output, fields_of(record, config.law or "analytic"), frame)
+    if config.surface:
+        files = write_surfaces(output, record, frame)
+    else:
+        files = write_motion(output, fields_of(record, config.law or "analytic"), frame)
     frames = len(record.time) if frame is None else 1
     others = f" ... {files[-1].name}" if len(files) > 1 else ""
-    print(f"wrote {files[0]}{others}: scene '{record.name}', {record.position.shape[1]} particles, frames: {frames}")
+    what = "surface of " if config.surface else ""
+    print(
+        f"wrote {files[0]}{others}: {what}scene '{record.name}', {record.position.shape[1]} particles, frames: {frames}"
+    )
+
+
+def _check_surface(config: ExportConfig, chosen: str) -> None:
+    if chosen != "ply":
+        raise UserError(f"surface=true has no effect with format={chosen}; accepted: format=ply, or surface=false")
+    if config.law is not None:
+        raise UserError(f"law={config.law} has no effect with surface=true; accepted: one without the other")
+    require_marching_cubes()
 
 
 def _frame(config: ExportConfig) -> int | None:

@@ -5,15 +5,15 @@ from pathlib import Path
 from pcnclaws.commands.export_format import chosen_format, with_ending
 from pcnclaws.commands.law_header import write_header
 from pcnclaws.commands.law_package import write_package
-from pcnclaws.commands.law_program import write_program
+from pcnclaws.commands.law_program import write_graph, write_program
 from pcnclaws.commands.law_source import law_source
 from pcnclaws.commands.outputs import output_file
 from pcnclaws.commands.typed_configs import ExportConfig
 from pcnclaws.errors import UserError
 
 # What the words of `format=` stand for: endings, the first one where output= has none.
-ENDINGS = {"zip": (".zip",), "cpp": (".hpp", ".h"), "pt2": (".pt2",)}
-WRITERS = {"zip": write_package, "cpp": write_header, "pt2": write_program}
+ENDINGS = {"zip": (".zip",), "cpp": (".hpp", ".h"), "pt2": (".pt2",), "onnx": (".onnx",)}
+WRITERS = {"zip": write_package, "cpp": write_header, "pt2": write_program, "onnx": write_graph}
 
 
 def export_law(config: ExportConfig) -> None:

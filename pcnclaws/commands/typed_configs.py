@@ -151,6 +151,7 @@ class ExportConfig(Command):
     scene: Unchecked
     format: Unchecked
     frame: Unchecked
+    surface: bool
     law: Unchecked
     material: Mapping[str, str] | None = None
 

@@ -251,7 +251,7 @@ RULES: Mapping[str, Sequence[Rule]] = {
         Rule(("seed",), "with screening=0, which draws nothing", _is("screening", 0), False),
     ),
     "export": (
-        Rule(("scene", "frame"), "without trajectory, of which it is a part", _is("trajectory", None)),
+        Rule(("scene", "frame", "surface"), "without trajectory, of which it is a part", _is("trajectory", None)),
         Rule(("material",), "beside trajectory, whose file names it", _given("trajectory")),
     ),
     "observe": (

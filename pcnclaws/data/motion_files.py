@@ -46,9 +46,7 @@ def write_motion(path: Path, fields: ParticleFields, frame: int | None = None) -
     frame   the one that goes into a format of one frame, counted from the end where it is negative; None: all
     raises  UserError for another ending, for a frame that does not exist and for a path that cannot be written
     """
-    count = len(fields.record.time)
-    if frame is not None and not -count <= frame < count:
-        raise UserError(f"frame={frame} does not exist; accepted: {-count} to {count - 1}")
+    chosen_frames(path, len(fields.record.time), frame)
     chosen = FORMATS[path.suffix.lower()]
     chosen.require()
     if chosen.is_derived:
@@ -57,6 +55,19 @@ def write_motion(path: Path, fields: ParticleFields, frame: int | None = None) -
         return chosen.write(path, fields)
     chosen.write_frame(path, fields, frame)
     return [path]
+
+
+def chosen_frames(path: Path, count: int, frame: int | None) -> dict[int, Path]:
+    """The frames of a series, and the file of each: NAME_000.ply, ... of all, `path` itself of one.
+
+    frame   the one, counted from the end where it is negative; None: all
+    raises  UserError for a frame that does not exist
+    """
+    if frame is None:
+        return dict(enumerate(_numbered(path, count)))
+    if not -count <= frame < count:
+        raise UserError(f"frame={frame} does not exist; accepted: {-count} to {count - 1}")
+    return {frame: path}
 
 
 def _name_missing(path: Path, fields: ParticleFields) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from pcnclaws.data.graph_network_files import is_graph_network_file, read_graph_network_file
 from pcnclaws.data.hdf5 import read_scenes
 from pcnclaws.data.motion_arrays import read_motion_arrays
 from pcnclaws.data.motion_tables import read_motion_table
@@ -23,7 +24,8 @@ READERS: dict[str, Callable[[Path, str], SceneRecord]] = {
 def read_trajectories(
     path: str | Path, material: str = "", names: Sequence[str] | None = None, with_keyframes: bool = True
 ) -> list[SceneRecord]:
-    """The scenes of a file, as read_scenes; files of other formats than the trajectory file hold one.
+    """The scenes of a file, as read_scenes; files of other formats than the trajectory file hold one, but for the .npz
+    files of graph network simulators.
 
     path      NAME.npz, NAME.csv, NAME.pvd, a series of point clouds NAME_*.ply, or a trajectory file
     material  of files that do not say theirs
@@ -35,8 +37,12 @@ def read_trajectories(
         if path.suffix.lower() == ".vtu":
             raise UserError(f"{path}: is one frame; accepted: the .pvd file that names the frames with their times")
         return read_scenes(path, names, with_keyframes)
-    record = reader(path, material)
+    if path.suffix.lower() == ".npz" and is_graph_network_file(path):
+        records = read_graph_network_file(path, material)
+    else:
+        records = [reader(path, material)]
+    known = {record.name: record for record in records}
     for name in names or ():
-        if name != record.name:
-            raise unknown_name("scene", name, [record.name])
-    return [record]
+        if name not in known:
+            raise unknown_name("scene", name, known)
+    return [known[name] for name in names] if names else records

@@ -50,6 +50,7 @@ SMOKE = {
         *("problem.cases=[false_robust,noise]", "problem.scenes=4", "problem.iterations=4", "problem.steps=160"),
         "problem.iterations_from_positions=1",
     ],
+    "rendering": ["problem.particles_per_edge=8", "problem.frames=4", "problem.colours=[speed]"],
     "transfers": [
         *("problem.transfers=[apic,axpic2]", "problem.cells=4", "problem.cfl=[0.2]", "problem.periods=1"),
         *("problem.long_cfl=0.4", "problem.long_periods=2", "problem.scenes=1", "problem.steps=2", "problem.samples=1"),
@@ -63,6 +64,7 @@ SMOKE = {
 
 DEAR = (
     "data_parallel",
+    "rendering",
     "own_laws",
     "fine_tuning",
     "foreign_laws",
@@ -121,6 +123,13 @@ def check_transfers(results: dict) -> None:
     assert all(row["ratio"] == 1.0 for row in results["costs"] if row["transfer"] == "apic")
 
 
+def check_rendering(results: dict) -> None:
+    assert (results["particles"], results["frames"]) == (512, 4)
+    (row,) = results["rows"]
+    assert (row["ending"], row["colour"]) == (".gif", "speed")
+    assert min(row["seconds"], row["cpu_seconds"], row["megabytes"]) > 0.0
+
+
 def check_data_parallel(results: dict) -> None:
     rows = {(row["processes"], row["segments"]): row for row in results["rows"]}
     assert set(rows) == {(1, 2), (2, 2), (2, 4)}
@@ -159,6 +168,7 @@ CHECKS = {
     "imperfect_data": check_imperfect_data,
     "own_laws": check_own_laws,
     "step_cost": check_step_cost,
+    "rendering": check_rendering,
     "scaling": check_scaling,
     "skips": check_skips,
     "training": check_training,

@@ -243,7 +243,7 @@ def test_what_is_no_package_or_a_hostile_one_is_one_line_and_runs_nothing(name: 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("law=sand",), "name no format; accepted: format=zip, cpp, pt2, or"),
+        (("law=sand",), "name no format; accepted: format=zip, cpp, pt2, onnx, or"),
         (("law=sand", "format=zap"), "format='zap' is not known; accepted: "),
         (("law=snd", "output=x.zip"), "did you mean 'sand'?"),
         (("law=tresca", "output=x.zip"), "no weights ship for tresca"),

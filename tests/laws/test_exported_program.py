@@ -1,5 +1,7 @@
 """The AOTInductor package of a law gives what PyTorch gives, to rounding, for any number of particles."""
 
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -11,10 +13,13 @@ from torch import Tensor
 
 import pcnclaws as pc
 from benchmarks.remembering_material import CLAY
-from pcnclaws.export import export
+from pcnclaws.compiled.build import find_compiler
 from pcnclaws.laws.exported_program import LawProgram, program_package
 
 EXACT = 1e-13
+CALLER = Path(__file__).parents[2] / "examples" / "10_from_libtorch" / "caller.cpp"
+LAWS = {"elasticity": "law=analytic material=elasticity", "sand": "law=sand"}
+MODELS = {"elasticity": pc.analytic_law("elasticity"), "sand": pc.load_law("sand")}
 
 
 def states(count: int) -> Tensor:
@@ -58,21 +63,71 @@ def test_the_function_that_is_exported_has_the_tangents_of_the_law() -> None:
     assert max(differences(found, model, trial, parameters)) < EXACT
 
 
+@pytest.fixture(scope="module", params=list(LAWS))
+def law(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def package(law: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Made as a user makes it; it takes minutes."""
+    folder = tmp_path_factory.mktemp("package")
+    command = [sys.executable, "-m", "pcnclaws.export", *LAWS[law].split(), "output=law.pt2"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    return folder / "law.pt2"
+
+
+@pytest.fixture(scope="module")
+def caller(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    compiler, root = find_compiler(), Path(torch.__file__).parent
+    if compiler is None:
+        pytest.skip("needs a C++ compiler")
+    program = tmp_path_factory.mktemp("caller") / "caller"
+    includes = (f"-I{root / 'include'}", f"-I{root / 'include/torch/csrc/api/include'}")
+    libraries = (f"-L{root / 'lib'}", "-ltorch", "-ltorch_cpu", "-lc10", f"-Wl,-rpath,{root / 'lib'}")
+    command = [*compiler, "-std=c++20", "-O0", *includes, str(CALLER), *libraries, "-o", str(program)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return program
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("law", ["law=analytic material=elasticity"])
-def test_a_package_runs_from_python_without_the_law(law: str, in_process: Any) -> None:
-    done = in_process(export, "export", *law.split(), "output=law.pt2")
-    assert done.status == 0, done.err
+def test_a_package_runs_from_python_without_the_law(law: str, package: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)
-        program = torch._inductor.aoti_load_package("law.pt2")
-    model = pc.analytic_law("elasticity")
+        program = torch._inductor.aoti_load_package(str(package))
     for count in (2, 5, 40):
-        trial, parameters = states(count), parameters_of(model, count)
-        found = program(trial, parameters)
-        errors = differences(found, model, trial, parameters)
-        print(count, errors)
-        assert max(errors) < 10 * EXACT
+        trial, parameters = states(count), parameters_of(MODELS[law], count)
+        assert max(differences(program(trial, parameters), MODELS[law], trial, parameters)) < 10 * EXACT
+
+
+@pytest.mark.slow
+def test_a_package_runs_from_cpp_with_libtorch_alone(law: str, package: Path, caller: Path) -> None:
+    for count in (2, 5, 40):
+        trial, parameters = states(count), parameters_of(MODELS[law], count)
+        table = torch.cat((parameters, trial.flatten(1)), 1).tolist()
+        text = "\n".join(" ".join(map(repr, row)) for row in table)
+        done = subprocess.run([caller, package], input=text, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        rows = [[float(number) for number in line.split()] for line in done.stdout.splitlines()]
+        found = torch.tensor(rows, dtype=torch.float64).split([9, 9, 81, 81], 1)
+        shaped = [one.reshape(count, *[3] * (2 + 2 * (k > 1))) for k, one in enumerate(found)]
+        assert max(differences(shaped, MODELS[law], trial, parameters)) < 10 * EXACT
+
+
+@pytest.mark.slow
+def test_what_the_caller_cannot_use_is_one_line(caller: Path, tmp_path: Path) -> None:
+    (tmp_path / "law.pt2").write_bytes(b"not a package")
+    for arguments, given, message in (
+        (("law.pt2",), "1 2\n", "give at least two states"),
+        ((), "", "usage: caller PACKAGE"),
+        (("law.pt2",), "1 1 0 0 0 1 0 0 0 1\n" * 2, "error: "),
+    ):
+        done = subprocess.run([caller, *arguments], input=given, cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode in (1, 2)
+        assert message in done.stderr
 
 
 def test_what_no_package_is_made_of_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
