@@ -5,9 +5,10 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Any
 
-# Of the running mean of a scene's logarithmic errors, what stays when a new one comes: a mean of some twenty, since
-# a false scene is false in some of its segments only, and its quiet ones would give it its weight back.
-MEMORY = 0.95
+# What a new error counts in the running mean of a scene's logarithmic errors. At least LEAST_SHARE, a mean of some twenty:
+# a false scene is false in some of its segments only, and its quiet ones would give it its weight back. Of n errors the
+# newest counts FORGETTING/(n + FORGETTING), so that a scene that is seldom drawn forgets the untrained law all the same.
+LEAST_SHARE, FORGETTING = 0.05, 4.0
 # A scene whose error is this many times that of the median scene counts half in the robust loss; true scenes are
 # within a factor of two of it at the end of a training, and of six on the way.
 HALF = 3.0
@@ -25,13 +26,16 @@ class SceneErrors:
 
     def __init__(self) -> None:
         self._logarithm: dict[str, float] = {}
+        self._count: dict[str, int] = {}
 
     def note(self, names: Sequence[str], errors: Sequence[float]) -> None:
         """Takes the errors of a batch; those that are zero or not finite say nothing."""
         for name, error in zip(names, errors, strict=True):
             if math.isfinite(error) and error > 0.0:
-                before = self._logarithm.get(name, math.log(error))
-                self._logarithm[name] = MEMORY * before + (1.0 - MEMORY) * math.log(error)
+                before, count = self._logarithm.get(name, math.log(error)), self._count.get(name, 0)
+                share = max(LEAST_SHARE, FORGETTING / (count + FORGETTING))
+                self._logarithm[name] = before + share * (math.log(error) - before)
+                self._count[name] = count + 1
 
     def ratio(self, name: str) -> float:
         """Error of a scene over that of the median scene; 1 where nothing is known of it."""
@@ -49,7 +53,8 @@ class SceneErrors:
         return {name: ratio for name, ratio in ratios.items() if ratio > CONTRADICTS}
 
     def state_dict(self) -> dict[str, Any]:
-        return dict(self._logarithm)
+        return {"logarithm": dict(self._logarithm), "count": dict(self._count)}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        self._logarithm = {str(name): float(value) for name, value in state.items()}
+        self._logarithm = {str(name): float(value) for name, value in state.get("logarithm", {}).items()}
+        self._count = {str(name): int(value) for name, value in state.get("count", {}).items()}

@@ -188,7 +188,7 @@ def energies(scene: pc.Scene, steps: int) -> np.ndarray:
 @pytest.mark.parametrize("shares", list(BETWEEN.values()), ids=list(BETWEEN))
 @pytest.mark.parametrize("network", [None, "pcnclaws_unified"])
 def test_bodies_between_kinds_that_fall_stay_finite_and_gain_no_energy(
-    network: str | None, shares: dict[str, float]
+    network: str | None, shares: dict[str, Any]
 ) -> None:
     law = pc.analytic_law("unified") if network is None else pc.neural_law("unified", network)
     body = pc.Body.cube(side=0.3, centre=(0.5, 0.3, 0.5), particles_per_edge=6)
@@ -204,7 +204,8 @@ def test_a_body_of_two_kinds_has_both_at_once() -> None:
     f, law = deformations(67, 0.3).movedim(-1, 0), pc.analytic_law("unified")
     sand = torch.zeros(COUNT, dtype=torch.float64)
     sand[COUNT // 2 :] = 1.0
-    returned: Tensor = law.return_map(f, **OWN, plasticine_share=0.0, sand_share=sand)
+    shares: dict[str, Any] = {"plasticine_share": 0.0, "sand_share": sand}
+    returned: Tensor = law.return_map(f, **OWN, **shares)
     assert torch.equal(returned[: COUNT // 2], f[: COUNT // 2])
     alone = pc.analytic_law("sand").return_map(f, **of_kind("sand"))
     torch.testing.assert_close(returned[COUNT // 2 :], alone[COUNT // 2 :], rtol=0, atol=1e-14)
