@@ -40,7 +40,7 @@ BETWEEN = {
 }
 
 
-def of_kind(kind: str) -> dict[str, float]:
+def of_kind(kind: str) -> dict[str, Any]:
     """The values that the material of that name reads itself."""
     return {name: OWN[name] for name in MATERIALS[kind].parameter_names}
 
