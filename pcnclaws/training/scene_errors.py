@@ -6,8 +6,8 @@ from statistics import median
 from typing import Any
 
 # What a new error counts in the running mean of a scene's logarithmic errors: at least LEAST_SHARE, a mean of some
-# twenty, since a false scene is false in some of its segments only, and its quiet ones would give it its weight back. The
-# n-th counts FORGETTING/(n + FORGETTING): a scene that is seldom drawn forgets the untrained law all the same.
+# twenty, since a false scene is false in some of its segments only, and its quiet ones would give it its weight back.
+# The n-th counts FORGETTING/(n + FORGETTING): a scene that is seldom drawn forgets the untrained law all the same.
 LEAST_SHARE, FORGETTING = 0.05, 4.0
 # A scene whose error is this many times that of the median scene counts half in the robust loss; true scenes are
 # within a factor of two of it at the end of a training, and of six on the way.
