@@ -11,7 +11,7 @@ import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -85,7 +85,7 @@ def _members(path: Path) -> Iterator[tuple[str, list[Any]]]:
                 raise UserError(f"{path}: claims more than {MAXIMUM_BYTES / 1024**3:g} GiB of arrays")
             require_room(2 * size, str(path))
             for name in archive.namelist():
-                with archive.open(name) as file:
+                with cast(zipfile.ZipExtFile, archive.open(name)) as file:
                     np.lib.format.read_magic(file)
                     np.lib.format.read_array_header_1_0(file)
                     content = pickled_arrays(file)
@@ -100,7 +100,7 @@ def _members(path: Path) -> Iterator[tuple[str, list[Any]]]:
 
 
 def _header(archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype]:
-    with archive.open(name) as file:
+    with cast(zipfile.ZipExtFile, archive.open(name)) as file:
         np.lib.format.read_magic(file)
         shape, _, kind = np.lib.format.read_array_header_1_0(file)
     return shape, kind

@@ -6,7 +6,8 @@ they are given, or the file is refused; arrays are made of the kept shape, type 
 
 import math
 import pickle
-from typing import IO, Any, ClassVar
+from typing import Any, ClassVar
+from zipfile import ZipExtFile
 
 import numpy as np
 
@@ -88,7 +89,7 @@ class _Reader(pickle._Unpickler):
         return KNOWN[module, name]
 
 
-def pickled_arrays(file: IO[bytes]) -> Any:
+def pickled_arrays(file: ZipExtFile) -> Any:
     """Arrays of numbers, and lists and numbers as they are nested in the pickle; arrays of objects become lists.
 
     raises  ValueError, or whatever a damaged pickle makes Python raise

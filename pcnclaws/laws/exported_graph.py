@@ -99,9 +99,10 @@ def onnx_graph(model: ConstitutiveModel) -> bytes:
     raises  UserError without the packages onnx and onnxscript, for laws that remember or take time, and for those that
             are not functions of principal strains
     """
-    for package in ("onnx", "onnxscript"):
-        if find_spec(package) is None:
-            raise not_installed("format=onnx", package, "onnx", "cpp, pt2, zip")
+    if find_spec("onnx") is None:
+        raise not_installed("format=onnx", "onnx", "onnx", "cpp, pt2, zip")
+    if find_spec("onnxscript") is None:
+        raise not_installed("format=onnx", "onnxscript", "onnx", "cpp, pt2, zip")
     program, given = LawValues(model).requires_grad_(False), _example(model)
     particles = torch.export.Dim("particles", min=2)
     shapes = ({0: particles}, {0: particles})

@@ -130,7 +130,8 @@ def test_the_laws_of_the_paper_are_objective_and_differentiable_at_rest(material
     assert torch.isfinite(gradient).all()
 
 
-@pytest.mark.parametrize("name", list(NETWORKS))
+# all but the one that is for bodies of any kind
+@pytest.mark.parametrize("name", sorted(set(NETWORKS) - {"pcnclaws_unified"}))
 def test_an_elastic_material_has_no_plastic_network(name: str) -> None:
     assert build_neural_laws(MATERIALS["elasticity"], {"name": name}).plasticity is None
 
