@@ -62,7 +62,7 @@ class LawValues(nn.Module):
         q, g = _principal_axes(trial)
         upright = (torch.linalg.cross(trial[:, 0], trial[:, 1]) * trial[:, 2]).sum(1) > 0.0
         strain = torch.where(upright[:, None], 0.5 * g.square().sum(2).log(), torch.nan).T
-        after, elastic = strain, trial
+        after, elastic = strain, trial.clone()  # an input that is a result, too, would lose its name
         if self.plasticity is not None:
             after = self.plasticity.response(known)(strain)[:3]
             elastic = trial + q @ ((after - strain).expm1().T[:, :, None] * g)
@@ -107,6 +107,7 @@ def onnx_graph(model: ConstitutiveModel) -> bytes:
     particles = torch.export.Dim("particles", min=2)
     shapes = ({0: particles}, {0: particles})
     with using_backend("torch"), _quietly():
+        program(*given)  # what laws compute once and keep is known before the trace
         # derivatives of energies are written out first: neither torch.export nor ONNX differentiates
         tracing = make_fx(program, decomposition_table=SIMPLER, tracing_mode="symbolic", _allow_non_fake_inputs=True)
         graph = _with_precise_numbers(tracing(*given))
@@ -129,7 +130,7 @@ def _example(model: ConstitutiveModel) -> tuple[Tensor, Tensor]:
     )
 
 
-def _softplus(x: Tensor, beta: float = 1.0, threshold: float = 20.0) -> Tensor:
+def _softplus(x: Tensor, beta: float | int = 1, threshold: float | int = 20) -> Tensor:
     return x.clamp_min(0.0) + (1.0 + (-x.abs()).exp()).log()
 
 
@@ -155,8 +156,17 @@ def _scaled_erfc(t: np.ndarray) -> np.ndarray:
     return erfcx(2.0 / t - 2.0) / t
 
 
+def _clamped(x: Tensor, low: float | int | None = None, high: float | int | None = None) -> Tensor:
+    """Bounds as sums, whose numbers are kept in double precision."""
+    above = x if low is None else torch.maximum(x, torch.zeros_like(x) + low)
+    return above if high is None else torch.minimum(above, torch.zeros_like(x) + high)
+
+
 # What runtimes have no operator for in double precision.
 SIMPLER = {
+    aten.clamp.default: _clamped,
+    aten.clamp_min.default: _clamped,
+    aten.clamp_max.default: lambda x, high: _clamped(x, None, high),
     aten.softplus.default: _softplus,
     aten.gelu.default: gelu,
     aten.full_like.default: lambda like, value, **_: torch.zeros_like(like) + value,

@@ -105,5 +105,6 @@ def exported_program(model: ConstitutiveModel) -> torch.export.ExportedProgram:
     particles = torch.export.Dim("particles", min=2)
     # derivatives are written out first: torch.export does not differentiate
     with using_backend("torch"), without_a_look():
+        program(*given)  # what laws compute once and keep is known before the trace
         graph = make_fx(program, tracing_mode="symbolic", _allow_non_fake_inputs=True)(*given)
     return torch.export.export(graph, given, dynamic_shapes=({0: particles}, {0: particles}), strict=False)

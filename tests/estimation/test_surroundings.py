@@ -42,7 +42,7 @@ def test_a_floor_that_is_higher_is_found_and_walls_that_nothing_meets_are_not() 
 
 @pytest.mark.slow
 def test_the_friction_of_the_floor_is_found() -> None:
-    numbers = found(seen(friction=0.3), "friction", iterations=5)
+    numbers = found(seen(friction=0.3), "friction")
     assert numbers["wall_friction"] == pytest.approx(0.3, abs=2e-3)
     assert numbers["youngs_modulus"] == pytest.approx(TRUTH["elasticity"]["youngs_modulus"], rel=2e-3)
 
