@@ -15,7 +15,7 @@ from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.operations import deviator, exp, maximum, norm, trace, where
 from pcnclaws.laws.parameters import FRICTION_ANGLE, POISSONS_RATIO, YOUNGS_MODULUS
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.tensor_types import Parameters
 
 # The largest compression of the cap, as a strain tr h.
 COMPACTION = 0.02

@@ -11,7 +11,7 @@ from pcnclaws.laws.base import Plasticity, Values
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.operations import deviator, maximum, minimum, trace, where
 from pcnclaws.laws.parameters import FRICTION_ANGLE, POISSONS_RATIO, YOUNGS_MODULUS
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.tensor_types import Parameters
 
 
 class MohrCoulomb(Plasticity):

@@ -12,7 +12,7 @@ from pcnclaws.laws.materials import Material
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.operations import deviator, exp, norm, trace, where
 from pcnclaws.laws.parameters import FRICTION_ANGLE, POISSONS_RATIO, YOUNGS_MODULUS, Parameter
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.tensor_types import Parameters
 
 COHESION = Parameter("cohesion", "c", "Pa", lower_included=True, logarithmic=True, search=(1.0, 1e6), is_stress=True)
 

@@ -13,7 +13,7 @@ from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.operations import deviator, exp, norm, sum_of_squares, trace, where
 from pcnclaws.laws.parameters import POISSONS_RATIO, YIELD_STRESS, YOUNGS_MODULUS, Parameter
 from pcnclaws.laws.viscosity import NewtonianViscosity
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.tensor_types import Parameters
 
 HARDENING = Parameter("hardening_modulus", "H", "Pa", lower_included=True, logarithmic=True, search=(1e2, 1e8))
 RELAXATION_TIME = Parameter("relaxation_time", "t_r", "s", logarithmic=True, search=(1e-4, 1e2))

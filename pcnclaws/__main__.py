@@ -1,36 +1,17 @@
 """The console command: `pcnclaws train experiment=sand_multi` is `python -m pcnclaws.train experiment=sand_multi`."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NoReturn
 
-from pcnclaws.calibrate import calibrate
 from pcnclaws.commands import launcher
 from pcnclaws.commands.completion import SCRIPTS, candidates
 from pcnclaws.commands.help import overview
-from pcnclaws.commands.jobs import WRONG_INPUT, Task
+from pcnclaws.commands.jobs import WRONG_INPUT
+from pcnclaws.commands.tasks import TASKS
 from pcnclaws.errors import UserError, unknown_name
-from pcnclaws.estimate import estimate
-from pcnclaws.evaluate import evaluate
-from pcnclaws.export import export
-from pcnclaws.generate import generate
-from pcnclaws.observe import observe
-from pcnclaws.render import render
-from pcnclaws.simulate import simulate
-from pcnclaws.train import train
 from pcnclaws.version import __version__
 
-TASKS: Mapping[str, Task] = {
-    "generate": generate,
-    "train": train,
-    "simulate": simulate,
-    "evaluate": evaluate,
-    "estimate": estimate,
-    "observe": observe,
-    "calibrate": calibrate,
-    "render": render,
-    "export": export,
-}
 COMPLETION, COMPLETE = "completion", "complete"
 
 

@@ -5,14 +5,7 @@ python -m pcnclaws.observe file=x.h5 kind=points points=500 'camera=[1,1,1]' noi
 """
 
 from pcnclaws.commands import launcher
-from pcnclaws.commands.typed_configs import ObserveConfig
-
-
-def observe(config: ObserveConfig) -> None:
-    """Writes markers or points of a recorded motion to `output`, and a picture of them beside it."""
-    from pcnclaws.commands import observation_command as work  # loads PyTorch
-
-    work.observe(config)
+from pcnclaws.commands.tasks import observe
 
 
 def main() -> None:

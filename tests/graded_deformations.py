@@ -4,7 +4,7 @@ import torch
 from bodies import seeded
 from torch import Tensor
 
-from pcnclaws.graded_axes import principal_axes
+from pcnclaws.tensors.graded_axes import principal_axes
 
 # decimal exponents of single precision, from its smallest number to squares that it still holds
 LEAST, MOST = -45.0, 18.0

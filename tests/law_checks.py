@@ -8,7 +8,7 @@ from torch import Tensor
 
 from pcnclaws.laws.base import Elasticity, Plasticity
 from pcnclaws.laws.moduli import lame_constants
-from pcnclaws.linalg3 import exp_symmetric, hencky_strain, identity_like, matmul, trace, transpose
+from pcnclaws.tensors.linalg3 import exp_symmetric, hencky_strain, identity_like, matmul, trace, transpose
 
 COUNT = 100
 

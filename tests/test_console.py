@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from pcnclaws.__main__ import TASKS, run
+from pcnclaws.__main__ import run
 from pcnclaws.commands.completion import SCRIPTS, candidates
+from pcnclaws.commands.tasks import TASKS
 
 ROOT = Path(__file__).parents[1]
 

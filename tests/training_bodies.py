@@ -15,7 +15,7 @@ from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart
-from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.tensors.tensor_types import Matrices, Parameters
 
 SETTINGS = SimulationSettings(time_step=1e-3, grid_spacing=1 / 12)
 STEPS, EVERY, KEYFRAME_EVERY = 40, 5, 10

@@ -17,8 +17,8 @@ from pcnclaws.laws.internal_variables import InternalVariable
 from pcnclaws.laws.materials import Material
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.parameters import POISSONS_RATIO, VISCOSITY, YOUNGS_MODULUS, Parameter
-from pcnclaws.linalg3 import determinant, identity_like, matmul, transpose
-from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.tensors.linalg3 import determinant, identity_like, matmul, transpose
+from pcnclaws.tensors.tensor_types import Matrices, Parameters
 
 RELAXATION_TIME = Parameter("relaxation_time", "t_r", "s", logarithmic=True, search=(1e-5, 1e2))
 # Of the Maxwell element [s]: omega t_r is 0.1 at 8 Hz.

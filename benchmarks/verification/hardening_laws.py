@@ -13,7 +13,7 @@ from pcnclaws.laws.materials import Material
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.operations import deviator, exp, maximum, norm, where
 from pcnclaws.laws.parameters import POISSONS_RATIO, YOUNGS_MODULUS, Parameter
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.tensor_types import Parameters
 
 
 def _stress_parameter(name: str, symbol: str) -> Parameter:

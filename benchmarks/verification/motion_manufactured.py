@@ -25,7 +25,7 @@ from benchmarks.verification.motion_bar import DENSITY, LENGTH, SOUND, YOUNG
 from benchmarks.verification.motion_scenes import NO_GRAVITY, array, box, steps_of
 from pcnclaws.laws.elasticity import StVKHencky
 from pcnclaws.laws.materials import Material
-from pcnclaws.tensor_types import Scalars, SceneIndex, Vectors
+from pcnclaws.tensors.tensor_types import Scalars, SceneIndex, Vectors
 
 SOURCE = "manufactured solution"
 HENCKY = Material("hencky", StVKHencky, None, {"youngs_modulus": (10.0, 1e6), "poissons_ratio": (-0.5, 0.4)})

@@ -11,8 +11,8 @@ from pcnclaws.laws.internal_variables import InternalVariable
 from pcnclaws.laws.materials import Material
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.parameters import POISSONS_RATIO, YOUNGS_MODULUS, Parameter
-from pcnclaws.linalg3 import deviator, hencky_strain, trace
-from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.tensors.linalg3 import deviator, hencky_strain, trace
+from pcnclaws.tensors.tensor_types import Matrices, Parameters
 
 BRANCH = Parameter("branch_modulus", "mu_1", "Pa", logarithmic=True, search=(1.0, 1e9), is_stress=True)
 PLACES = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]

@@ -19,7 +19,7 @@ from pcnclaws.laws.base import Values
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.operations import deviator, trace
 from pcnclaws.laws.parameters import POISSONS_RATIO, YOUNGS_MODULUS
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.tensor_types import Parameters
 
 LOCKING = pc.Parameter("locking", "k", "-", lower_included=True, logarithmic=True, search=(1.0, 100.0))
 

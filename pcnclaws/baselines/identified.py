@@ -13,7 +13,7 @@ from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity, Plasticity
 from pcnclaws.laws.materials import Material
 from pcnclaws.laws.parameters import PARAMETERS
-from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.tensors.tensor_types import Matrices, Parameters
 
 
 class UnknownParameters(nn.Module):

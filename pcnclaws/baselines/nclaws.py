@@ -12,8 +12,8 @@ from pcnclaws.baselines.polar import stretches_and_rotation
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity, Plasticity
 from pcnclaws.laws.materials import Material
-from pcnclaws.linalg3 import determinant, identity_like, matmul, transpose
-from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.tensors.linalg3 import determinant, identity_like, matmul, transpose
+from pcnclaws.tensors.tensor_types import Matrices, Parameters
 
 # Stretches less 1 (3), F^T F - I (9), det F - 1 (1).
 FEATURES = 13

@@ -10,8 +10,8 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from pcnclaws.baselines.spectral import Principal, eigen
-from pcnclaws.linalg3 import matmul, transpose
-from pcnclaws.tensor_types import Matrices
+from pcnclaws.tensors.linalg3 import matmul, transpose
+from pcnclaws.tensors.tensor_types import Matrices
 
 
 def stretches_and_rotation(deformation: Matrices) -> tuple[Principal, Matrices]:

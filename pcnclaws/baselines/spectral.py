@@ -7,8 +7,8 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from pcnclaws.linalg3 import identity_like, matmul, transpose
-from pcnclaws.tensor_types import Matrices
+from pcnclaws.tensors.linalg3 import identity_like, matmul, transpose
+from pcnclaws.tensors.tensor_types import Matrices
 
 Principal = Float[Tensor, "3 particles"]
 

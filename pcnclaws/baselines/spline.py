@@ -18,8 +18,8 @@ from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity, Plasticity
 from pcnclaws.laws.materials import Material
 from pcnclaws.laws.moduli import lame_constants
-from pcnclaws.linalg3 import deviator, hencky_strain, identity_like, safe_norm, stretched, trace
-from pcnclaws.tensor_types import Matrices, Parameters, Scalars
+from pcnclaws.tensors.linalg3 import deviator, hencky_strain, identity_like, safe_norm, stretched, trace
+from pcnclaws.tensors.tensor_types import Matrices, Parameters, Scalars
 
 MOST_KNOTS = 201
 # Squared stretches closer than this have the limit of their divided difference: the error of either is then 1e-8.

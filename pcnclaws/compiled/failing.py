@@ -9,7 +9,7 @@ from pcnclaws.compiled import gpu
 from pcnclaws.compiled.build import kernel_library
 from pcnclaws.compiled.calls import address, call
 from pcnclaws.compiled.structures import Corners, Limits
-from pcnclaws.tensor_types import ParticleMask
+from pcnclaws.tensors.tensor_types import ParticleMask
 
 
 def failing(position: Tensor, deformation: Tensor, limits: Limits) -> ParticleMask:

@@ -13,10 +13,10 @@ from pcnclaws.data.segments import SegmentGroup, SegmentPlan, notes_on_free_flig
 from pcnclaws.data.timeline import Timeline
 from pcnclaws.errors import UserError
 from pcnclaws.laws.internal_variables import InternalVariable
-from pcnclaws.layout import join_positions
 from pcnclaws.simulation.batch import SceneBatch, batch_scenes
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart, group_by_settings
+from pcnclaws.tensors.layout import join_positions
 
 
 class Share(NamedTuple):

@@ -18,7 +18,7 @@ from pcnclaws.data.observation import Observation, ObservedPoints
 from pcnclaws.data.point_frames import by_frame
 from pcnclaws.geometry.closest_points import closest_points, shares_of_corners
 from pcnclaws.geometry.particle_surface import face_normals
-from pcnclaws.layout import vectors_first, vectors_last
+from pcnclaws.tensors.layout import vectors_first, vectors_last
 
 # Triangles with the nearest centres, among which a point has its closest one.
 CANDIDATES = 10

@@ -16,7 +16,7 @@ from pcnclaws.estimation.first_frame import Rest, local_deformation, without_fir
 from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.scatter import FEWEST, Scatter, given_scatter, scatter_of, scatter_on_surface
 from pcnclaws.estimation.uncertainty import Uncertainty
-from pcnclaws.layout import vectors_last
+from pcnclaws.tensors.layout import vectors_last
 
 # A right model leaves once the scatter, without the error of the first frame.
 MOST_RESIDUAL = 1.5

@@ -21,7 +21,6 @@ from pcnclaws.estimation.scene_copies import Carried, SceneCopies
 from pcnclaws.estimation.surroundings import DIFFERENCE, displacement, friction_of, gravity_of, is_felt
 from pcnclaws.estimation.unknowns import SURFACE_OFFSET, TIME_OFFSET, Unknowns
 from pcnclaws.laws.analytic import Laws
-from pcnclaws.layout import matrices_last, vectors_last
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
@@ -29,6 +28,7 @@ from pcnclaws.simulation.rollout import positions_at
 from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.simulator import simulator_of
 from pcnclaws.simulation.time_step import stability_of
+from pcnclaws.tensors.layout import matrices_last, vectors_last
 
 # So many particles are simulated at once.
 PARTICLES_AT_ONCE = 16_384

@@ -12,9 +12,9 @@ from torch.autograd import forward_ad
 from pcnclaws.data.observation import Observation
 from pcnclaws.estimation.surroundings import displacement, gravity_of
 from pcnclaws.estimation.unknowns import Unknowns
-from pcnclaws.layout import matrices_first, vectors_first
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.batch import SceneBatch
+from pcnclaws.tensors.layout import matrices_first, vectors_first
 
 # The unknown whose derivative a copy carries, and its slope; None for none.
 Carried: TypeAlias = tuple[int, float] | None

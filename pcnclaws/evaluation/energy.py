@@ -10,7 +10,7 @@ from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.batch import batch_scenes
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import restarted, start_of
-from pcnclaws.tensor_types import Parameters, Scalars
+from pcnclaws.tensors.tensor_types import Parameters, Scalars
 
 
 def scene_energy(

@@ -9,9 +9,9 @@ from jaxtyping import Float
 
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity
-from pcnclaws.layout import matrices_first, matrices_last
 from pcnclaws.metrics import relative_stress_error
 from pcnclaws.simulation.records import Keyframes, SceneRecord
+from pcnclaws.tensors.layout import matrices_first, matrices_last
 
 # A particle acts on, and feels, the grid nodes up to this many cells away.
 REACH = 1.5

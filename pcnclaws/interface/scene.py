@@ -24,7 +24,6 @@ from pcnclaws.interface.start import checked_start
 from pcnclaws.laws.constitutive_model import ConstitutiveModel
 from pcnclaws.laws.given_values import Value, checked_values, of_particles
 from pcnclaws.laws.training_ranges import outside_training_data
-from pcnclaws.layout import particles_first, particles_last
 from pcnclaws.mpm.colliders import Collider
 from pcnclaws.mpm.loads import Load
 from pcnclaws.simulation.batch import SceneBatch, batch_scenes
@@ -36,6 +35,7 @@ from pcnclaws.simulation.restart import with_exact_masses
 from pcnclaws.simulation.rollout import positions_at
 from pcnclaws.simulation.simulator import simulator_of
 from pcnclaws.simulation.time_step import stability_of
+from pcnclaws.tensors.layout import particles_first, particles_last
 
 log = logging.getLogger(__name__)
 

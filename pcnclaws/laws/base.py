@@ -10,7 +10,7 @@ from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.laws import principal
 from pcnclaws.laws.formulas import TIME_STEP, Values, gradient
 from pcnclaws.laws.law import Law
-from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.tensors.tensor_types import Matrices, Parameters
 
 
 class Elasticity(Law):

@@ -16,7 +16,7 @@ from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.laws.parameters import Parameter
 from pcnclaws.laws.registry import check_material
-from pcnclaws.layout import particles_first, particles_last
+from pcnclaws.tensors.layout import particles_first, particles_last
 
 LawKind = TypeVar("LawKind", bound=nn.Module)
 PRECISIONS = (torch.float32, torch.float64)

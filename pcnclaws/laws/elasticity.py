@@ -9,7 +9,7 @@ from pcnclaws.laws.base import Elasticity, Values
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.operations import exp, sum_of_squares, trace
 from pcnclaws.laws.parameters import POISSONS_RATIO, YOUNGS_MODULUS
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.tensor_types import Parameters
 
 
 class LameElasticity(Elasticity):

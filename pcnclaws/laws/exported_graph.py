@@ -17,7 +17,7 @@ from torch.fx.experimental.proxy_tensor import make_fx
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.errors import UserError, not_installed
 from pcnclaws.laws.constitutive_model import ConstitutiveModel
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.tensor_types import Parameters
 
 INPUTS, OUTPUTS = ("trial", "parameters"), ("elastic", "stress")
 # Sweeps of Jacobi rotations, which converge quadratically.

@@ -6,7 +6,7 @@ from typing import Any
 
 from torch import Tensor
 
-from pcnclaws.tensor_types import InternalValues
+from pcnclaws.tensors.tensor_types import InternalValues
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from pcnclaws.laws.formulas import TIME_STEP, Known, Values
 from pcnclaws.laws.internal_variables import InternalVariable, start_values
 from pcnclaws.laws.networks import ConditionalMLP
 from pcnclaws.laws.parameters import Parameter
-from pcnclaws.tensor_types import InternalValues, Matrices, Parameters
+from pcnclaws.tensors.tensor_types import InternalValues, Matrices, Parameters
 
 log = logging.getLogger(__name__)
 

@@ -1,6 +1,6 @@
 """Moduli that follow from the physical parameters."""
 
-from pcnclaws.tensor_types import Parameters, Scalars
+from pcnclaws.tensors.tensor_types import Parameters, Scalars
 
 
 def lame_constants(parameters: Parameters) -> tuple[Scalars, Scalars]:

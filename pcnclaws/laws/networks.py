@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.parameters import PARAMETERS
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.tensor_types import Parameters
 
 
 class ConditionalMLP(nn.Module):

@@ -17,7 +17,7 @@ from pcnclaws.laws.materials import Material
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.networks import ConditionalMLP, DimensionlessParameters, StandardisedParameters, strain_of_stress
 from pcnclaws.laws.operations import deviator, maximum, norm, softplus, sqrt, sum_of_squares, trace, where
-from pcnclaws.tensor_types import Parameters, Scalars
+from pcnclaws.tensors.tensor_types import Parameters, Scalars
 
 # Strains are divided by this before they enter a network: the inputs are then of order one in soft bodies.
 STRAIN_SCALE = 0.1

@@ -21,7 +21,7 @@ from pcnclaws.laws.materials import Material
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.networks import ConditionedAmounts, DimensionlessParameters
 from pcnclaws.laws.operations import deviator, exp, maximum, minimum, trace
-from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.tensors.tensor_types import Matrices, Parameters
 
 # Strains between which the functions are made orthogonal to each other, so that none is huge anywhere: soft bodies that
 # meet a floor are crushed to a tenth of their volume, and stretched by a fifth. Limits of what a law sees are within.

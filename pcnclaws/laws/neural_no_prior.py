@@ -16,7 +16,7 @@ from pcnclaws.laws.materials import Material
 from pcnclaws.laws.networks import ConditionalMLP, StandardisedParameters
 from pcnclaws.laws.neural_default import SOFTPLUS_ONE, STRAIN_SCALE, PlasticNet, bounded_invariants
 from pcnclaws.laws.operations import deviator, softplus, sum_of_squares, trace
-from pcnclaws.tensor_types import Parameters, Scalars
+from pcnclaws.tensors.tensor_types import Parameters, Scalars
 
 
 class NoPriorElasticNet(Elasticity):

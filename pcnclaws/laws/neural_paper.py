@@ -21,8 +21,8 @@ from pcnclaws.laws.law import Law, count_pytorch
 from pcnclaws.laws.materials import Material
 from pcnclaws.laws.networks import ConditionalMLP, StandardisedParameters, strain_of_stress
 from pcnclaws.laws.rotation import rotation_and_stretch
-from pcnclaws.linalg3 import determinant, deviator, identity_like, matmul, safe_norm, trace, transpose
-from pcnclaws.tensor_types import InternalValues, Matrices, Parameters, Scalars
+from pcnclaws.tensors.linalg3 import determinant, deviator, identity_like, matmul, safe_norm, trace, transpose
+from pcnclaws.tensors.tensor_types import InternalValues, Matrices, Parameters, Scalars
 
 # Strains below which a network sees their size, above which more and more their direction alone: of an elastic law, and
 # of a plastic one without a yield stress, which would be a scale of its own.

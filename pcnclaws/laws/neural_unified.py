@@ -20,7 +20,7 @@ from pcnclaws.laws.networks import ConditionalMLP, DimensionlessParameters, stra
 from pcnclaws.laws.neural_default import REFERENCE_YIELD_STRAIN, ElasticNet, PlasticNet
 from pcnclaws.laws.parameters import FRICTION_ANGLE, PLASTICINE_SHARE, SAND_SHARE, YIELD_STRESS
 from pcnclaws.laws.unified import mixed_flow, shares
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.tensor_types import Parameters
 
 # Whose parameters they are: of no account where the kind has no share.
 OF_KIND = {YIELD_STRESS.name: PLASTICINE_SHARE.name, FRICTION_ANGLE.name: SAND_SHARE.name}

@@ -15,7 +15,7 @@ from pcnclaws.laws.base import Plasticity, Values
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.operations import deviator, maximum, minimum, norm, trace, where
 from pcnclaws.laws.parameters import FRICTION_ANGLE, POISSONS_RATIO, YIELD_STRESS, YOUNGS_MODULUS
-from pcnclaws.tensor_types import Parameters, Scalars
+from pcnclaws.tensors.tensor_types import Parameters, Scalars
 
 
 class DruckerPrager(Plasticity):

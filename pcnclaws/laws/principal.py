@@ -14,8 +14,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pcnclaws.graded_axes import orthogonalise, principal_axes
-from pcnclaws.tensor_types import Matrices
+from pcnclaws.tensors.graded_axes import orthogonalise, principal_axes
+from pcnclaws.tensors.tensor_types import Matrices
 
 Principal = Float[Tensor, "3 particles"]
 # Three principal strains (3, particles) to three principal values, and what else follows from them, (3 and more,

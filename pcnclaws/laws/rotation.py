@@ -5,8 +5,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pcnclaws.linalg3 import identity_like, inverse, left_stretch, matmul, trace, transpose
-from pcnclaws.tensor_types import Matrices
+from pcnclaws.tensors.linalg3 import identity_like, inverse, left_stretch, matmul, trace, transpose
+from pcnclaws.tensors.tensor_types import Matrices
 
 
 def rotation_and_stretch(deformation: Matrices) -> tuple[Matrices, Matrices]:

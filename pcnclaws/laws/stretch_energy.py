@@ -18,7 +18,7 @@ from pcnclaws.laws.materials import Material
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.networks import ConditionalMLP
 from pcnclaws.laws.operations import exp, maximum, minimum, softplus, tanh, trace
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.tensor_types import Parameters
 
 # Numbers that tell apart how the stiffness of specimens changes with strain, beside their moduli and scale of strain.
 SHAPES = 2

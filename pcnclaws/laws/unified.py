@@ -21,7 +21,7 @@ from pcnclaws.laws.parameters import (
     YOUNGS_MODULUS,
 )
 from pcnclaws.laws.plasticity import DruckerPrager, VonMises
-from pcnclaws.tensor_types import Parameters, Scalars
+from pcnclaws.tensors.tensor_types import Parameters, Scalars
 
 _SOFT, _METAL, _GRAINS, _HENCKY = FixedCorotated(), VonMises(), DruckerPrager(), StVKHencky()
 

@@ -6,8 +6,8 @@ from typing import ClassVar
 from torch import nn
 
 from pcnclaws.laws.parameters import VISCOSITY, Parameter
-from pcnclaws.linalg3 import identity_like, trace, transpose
-from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.tensors.linalg3 import identity_like, trace, transpose
+from pcnclaws.tensors.tensor_types import Matrices, Parameters
 
 
 class Viscosity(nn.Module, ABC):

@@ -8,10 +8,10 @@ from torch import Tensor
 
 from pcnclaws.compiled.calls import kernels_serve
 from pcnclaws.compiled.failing import failing
-from pcnclaws.linalg3 import determinant
 from pcnclaws.mpm.settings import UNIT_BOX, Domain
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.tensor_types import ParticleMask
+from pcnclaws.tensors.linalg3 import determinant
+from pcnclaws.tensors.tensor_types import ParticleMask
 
 
 def failing_particles(state: ParticleState, limits: Domain = UNIT_BOX) -> ParticleMask:

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from pcnclaws.errors import SimulationDiverged
 from pcnclaws.mpm.settings import SimulationSettings
-from pcnclaws.tensor_types import Vectors
+from pcnclaws.tensors.tensor_types import Vectors
 
 PADDING = 1
 # A domain of at most so many nodes is stored whole.

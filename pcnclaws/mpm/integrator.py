@@ -12,7 +12,6 @@ from pcnclaws.compiled.calls import kernels_serve
 from pcnclaws.compiled.split_step import from_grid, to_grid
 from pcnclaws.compiled.step import StepSettings
 from pcnclaws.compiled.step import step as compiled_step
-from pcnclaws.linalg3 import matmul
 from pcnclaws.mpm.boundaries import (
     apply_colliders,
     apply_friction_walls,
@@ -27,7 +26,8 @@ from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.shape_functions import quadratic_stencil
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.mpm.transfer import Sent, grid_to_particles, node_velocities, sent_to_grid
-from pcnclaws.tensor_types import Matrices
+from pcnclaws.tensors.linalg3 import matmul
+from pcnclaws.tensors.tensor_types import Matrices
 
 Impulses = Float[Tensor, "colliders scenes 3"]
 TakeImpulses = Callable[[Impulses], None]

@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pcnclaws.tensor_types import Vectors
+from pcnclaws.tensors.tensor_types import Vectors
 
 
 def trilinear(samples: Float[Tensor, "x y z"], place: Vectors) -> tuple[Float[Tensor, " points"], Vectors]:

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.mpm.numbers import Numbers, Real, as_vector, plain, require_span, scalars, span_holds
-from pcnclaws.tensor_types import Scalars, SceneIndex, Vectors
+from pcnclaws.tensors.tensor_types import Scalars, SceneIndex, Vectors
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from pcnclaws.errors import UserError
 from pcnclaws.mpm.numbers import as_number, as_vector, plain
-from pcnclaws.tensor_types import Vectors
+from pcnclaws.tensors.tensor_types import Vectors
 
 Points = Vectors  # of grid nodes here
 Distances = Float[Tensor, " points"]

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from pcnclaws.mpm.grid import Grid, middle_nodes
-from pcnclaws.tensor_types import SceneIndex, Vectors
+from pcnclaws.tensors.tensor_types import SceneIndex, Vectors
 
 
 class Stencil(NamedTuple):

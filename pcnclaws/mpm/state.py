@@ -5,7 +5,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from pcnclaws.tensor_types import InternalValues, Matrices, Scalars, SceneIndex, SceneVectors, Vectors
+from pcnclaws.tensors.tensor_types import InternalValues, Matrices, Scalars, SceneIndex, SceneVectors, Vectors
 
 
 class _Fields(NamedTuple):

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from pcnclaws.mpm.shape_functions import Stencil
-from pcnclaws.tensor_types import Matrices, Scalars, Vectors
+from pcnclaws.tensors.tensor_types import Matrices, Scalars, Vectors
 
 # The 27 stencil nodes as 3 x 3 x 3, and the position of a node relative to the middle one in units of dx.
 STENCIL_SHAPE = (3, 3, 3)

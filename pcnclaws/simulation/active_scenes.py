@@ -12,7 +12,7 @@ from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.free_fall import fallen
 from pcnclaws.simulation.impulses import ImpulseSum
 from pcnclaws.simulation.simulator import Step
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.tensor_types import Parameters
 
 StepOf = Callable[[Scenes, Parameters], Step]
 

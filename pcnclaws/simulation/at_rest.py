@@ -10,7 +10,7 @@ from torch import Tensor
 
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
-from pcnclaws.tensor_types import Vectors
+from pcnclaws.tensors.tensor_types import Vectors
 
 # A scene rests if all its particles have been slower than this [m/s] ...
 SLOW = 1e-4

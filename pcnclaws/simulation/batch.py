@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from pcnclaws.laws.internal_variables import InternalVariable
-from pcnclaws.layout import matrices_first, vectors_first
 from pcnclaws.mpm.loads import load_shares
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.scenes import SceneStart, group_by_settings
+from pcnclaws.tensors.layout import matrices_first, vectors_first
 
 
 class SceneBatch(NamedTuple):

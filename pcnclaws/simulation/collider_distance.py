@@ -10,7 +10,7 @@ from torch import Tensor
 from pcnclaws.mpm.colliders import Collider
 from pcnclaws.mpm.distance_fields import SignedDistance
 from pcnclaws.mpm.settings import SimulationSettings
-from pcnclaws.tensor_types import Vectors
+from pcnclaws.tensors.tensor_types import Vectors
 
 # A particle exchanges with nodes up to 1.5 cells away along each axis.
 REACH = 1.5 * math.sqrt(3.0)

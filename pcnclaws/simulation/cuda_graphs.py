@@ -21,7 +21,7 @@ from pcnclaws.laws.fixed_parameters import FixedParameters
 from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.simulator import SCENE_FIELDS, STATE_FIELDS, Simulator
-from pcnclaws.tensor_types import Parameters, ParticleMask
+from pcnclaws.tensors.tensor_types import Parameters, ParticleMask
 
 # Recordings kept for each simulator: one holds the memory of a step.
 MOST_RECORDINGS = 8

@@ -14,7 +14,6 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from pcnclaws.laws.internal_variables import start_values
-from pcnclaws.linalg3 import identity_like
 from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.mpm.grid import grid_of
 from pcnclaws.mpm.settings import DISTANCE_TOLERANCE, SimulationSettings
@@ -22,7 +21,8 @@ from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.collider_distance import steps_before_colliders
 from pcnclaws.simulation.simulator import Simulator
 from pcnclaws.simulation.stress_free import is_stress_free_at_rest
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.linalg3 import identity_like
+from pcnclaws.tensors.tensor_types import Parameters
 
 # A particle exchanges with the nodes up to this many cells away.
 REACH = 1.5

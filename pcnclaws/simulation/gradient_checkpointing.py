@@ -9,7 +9,7 @@ from torch.autograd.function import once_differentiable
 
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.simulator import SCENE_FIELDS, STATE_FIELDS, Simulator
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.tensor_types import Parameters
 
 
 def recomputed_step(

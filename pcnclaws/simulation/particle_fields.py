@@ -12,10 +12,10 @@ from torch import Tensor
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.parameters import PARAMETERS
-from pcnclaws.layout import matrices_first, matrices_last
-from pcnclaws.linalg3 import determinant, deviator, hencky_strain, trace
 from pcnclaws.simulation.connected_bodies import connected_bodies
 from pcnclaws.simulation.records import Keyframes, SceneRecord
+from pcnclaws.tensors.layout import matrices_first, matrices_last
+from pcnclaws.tensors.linalg3 import determinant, deviator, hencky_strain, trace
 
 # What the names of internal variables begin with, beside those of other fields.
 INTERNAL = "internal_"

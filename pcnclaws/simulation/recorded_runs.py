@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from pcnclaws.laws.analytic import Laws
-from pcnclaws.layout import split_matrices, split_vectors
 from pcnclaws.simulation.batch import SceneBatch, batch_scenes
 from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
 from pcnclaws.simulation.recording import FramePlan, Trajectory
@@ -15,6 +14,7 @@ from pcnclaws.simulation.restart import going_on_falling
 from pcnclaws.simulation.rollout import simulate_scenes
 from pcnclaws.simulation.scenes import SceneStart, group_by_settings
 from pcnclaws.simulation.simulator import simulator_of
+from pcnclaws.tensors.layout import split_matrices, split_vectors
 
 
 def simulate_records(

@@ -28,7 +28,7 @@ from pcnclaws.simulation.gradient_checkpointing import recomputed_step
 from pcnclaws.simulation.impulses import ImpulseSum
 from pcnclaws.simulation.recording import FramePlan, Recording, Trajectory
 from pcnclaws.simulation.simulator import Simulator, Step
-from pcnclaws.tensor_types import ParticleMask
+from pcnclaws.tensors.tensor_types import ParticleMask
 
 # Above this many particle-steps the graph of a differentiable rollout is not kept but computed again. A step keeps some
 # 5 kB a particle in PyTorch; compiled, 0.2 kB, which is not much more than its state.

@@ -18,7 +18,7 @@ from pcnclaws.mpm.integrator import MPMIntegrator, TakeImpulses
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.fast_paths import Skips
-from pcnclaws.tensor_types import InternalValues, Matrices, Parameters
+from pcnclaws.tensors.tensor_types import InternalValues, Matrices, Parameters
 
 
 @runtime_checkable

@@ -8,7 +8,7 @@ from torch.autograd import forward_ad
 
 from pcnclaws.laws.internal_variables import start_values
 from pcnclaws.simulation.simulator import Simulator
-from pcnclaws.tensor_types import Parameters
+from pcnclaws.tensors.tensor_types import Parameters
 
 # Stress (divided by E) and strain that count as none, in units of machine precision.
 ROUNDING = 64.0

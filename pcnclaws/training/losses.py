@@ -8,7 +8,7 @@ from torch import Tensor
 
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.free_fall import fallen
-from pcnclaws.tensor_types import SceneIndex
+from pcnclaws.tensors.tensor_types import SceneIndex
 
 Positions = Float[Tensor, "frames 3 particles"]
 # Squared displacement (30 micrometres)^2 [m^2] below which a segment is as good as free of stress.

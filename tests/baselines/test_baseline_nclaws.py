@@ -16,7 +16,7 @@ from pcnclaws.data.dataset import SegmentDataset
 from pcnclaws.data.segments import SegmentPlan
 from pcnclaws.errors import UserError
 from pcnclaws.laws.materials import MATERIALS
-from pcnclaws.linalg3 import determinant, exp_symmetric, identity_like, matmul, transpose
+from pcnclaws.tensors.linalg3 import determinant, exp_symmetric, identity_like, matmul, transpose
 from pcnclaws.training.module import OptimiserSettings
 from pcnclaws.training.single_scene import SingleSceneModule
 

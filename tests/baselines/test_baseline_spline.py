@@ -14,7 +14,7 @@ from pcnclaws.errors import UserError
 from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.plasticity import VonMises
-from pcnclaws.linalg3 import exp_symmetric, identity_like, matmul, transpose
+from pcnclaws.tensors.linalg3 import exp_symmetric, identity_like, matmul, transpose
 
 KNOTS = torch.tensor([0.5, 0.9, 1.0, 1.3, 2.0], dtype=torch.float64)
 

@@ -28,14 +28,14 @@ from pcnclaws.compiled.structures import LawArrays
 from pcnclaws.laws.elasticity import StVKHencky
 from pcnclaws.laws.materials import material_named
 from pcnclaws.laws.plasticity import DruckerPrager
-from pcnclaws.linalg3 import exp_symmetric, matmul
 from pcnclaws.mpm.colliders import Collider
 from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.simulator import Simulator
-from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.tensors.linalg3 import exp_symmetric, matmul
+from pcnclaws.tensors.tensor_types import Matrices, Parameters
 
 pytestmark = [
     pytest.mark.skipif(find_compiler() is None, reason="needs a C++ compiler"),

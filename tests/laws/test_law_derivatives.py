@@ -11,7 +11,7 @@ from torch import Tensor
 from pcnclaws.laws.elasticity import FixedCorotated, NeoHookean, StVKHencky
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.plasticity import DruckerPrager, Tresca, VonMises
-from pcnclaws.linalg3 import deviator, exp_symmetric, identity_like, matmul, safe_norm
+from pcnclaws.tensors.linalg3 import deviator, exp_symmetric, identity_like, matmul, safe_norm
 
 # PyTorch warns of its own use of torch.jit when it loads forward mode
 pytestmark = [

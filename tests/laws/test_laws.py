@@ -14,7 +14,16 @@ from pcnclaws.laws.elasticity import FixedCorotated, NeoHookean, StVKHencky
 from pcnclaws.laws.materials import MATERIALS, Material
 from pcnclaws.laws.moduli import lame_constants
 from pcnclaws.laws.plasticity import DruckerPrager, Tresca, VonMises
-from pcnclaws.linalg3 import deviator, exp_symmetric, hencky_strain, identity_like, matmul, safe_norm, trace, transpose
+from pcnclaws.tensors.linalg3 import (
+    deviator,
+    exp_symmetric,
+    hencky_strain,
+    identity_like,
+    matmul,
+    safe_norm,
+    trace,
+    transpose,
+)
 
 pytestmark = pytest.mark.usefixtures("each_backend")
 

@@ -12,7 +12,7 @@ from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.laws.neural_free_flow import FreeFlowPlasticNet
 from pcnclaws.laws.registry import NETWORKS
-from pcnclaws.linalg3 import deviator, hencky_strain, identity_like, matmul, safe_norm, transpose
+from pcnclaws.tensors.linalg3 import deviator, hencky_strain, identity_like, matmul, safe_norm, transpose
 
 pytestmark = pytest.mark.usefixtures("each_backend")
 

@@ -14,7 +14,7 @@ from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.laws.neural_paper import StretchNet
 from pcnclaws.laws.rotation import rotation_and_stretch
-from pcnclaws.linalg3 import identity_like, matmul, transpose
+from pcnclaws.tensors.linalg3 import identity_like, matmul, transpose
 
 
 def laws_of(material: str, dtype: torch.dtype = torch.float64) -> list[StretchNet]:

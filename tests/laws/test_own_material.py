@@ -25,9 +25,9 @@ from pcnclaws.laws.materials import Kind, Material, material_named
 from pcnclaws.laws.operations import sum_of_squares, trace
 from pcnclaws.laws.parameters import YOUNGS_MODULUS, Parameter, compression_wave_speed
 from pcnclaws.laws.registry import Network, register
-from pcnclaws.linalg3 import matmul, transpose
 from pcnclaws.simulate import simulate
 from pcnclaws.simulation.time_step import p_wave_modulus
+from pcnclaws.tensors.linalg3 import matmul, transpose
 
 COMPILED = pytest.mark.skipif(find_compiler() is None, reason="needs a C++ compiler")
 

@@ -16,9 +16,9 @@ from pcnclaws.evaluation.energy import potential_energy, scene_energy
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import build_neural_laws
-from pcnclaws.linalg3 import hencky_strain
 from pcnclaws.simulation.batch import batch_scenes
 from pcnclaws.simulation.scenes import restarted
+from pcnclaws.tensors.linalg3 import hencky_strain
 
 UNIFIED = MATERIALS["unified"]
 OWN: dict[str, Any] = {

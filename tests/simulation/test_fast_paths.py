@@ -27,7 +27,7 @@ from pcnclaws.simulation.law_simulator import LawSimulator
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.rollout import differentiable_rollout
-from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.tensors.tensor_types import Matrices, Parameters
 from pcnclaws.training.module import OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
 

@@ -28,7 +28,6 @@ from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.base import Elasticity, Plasticity
 from pcnclaws.laws.elasticity import FixedCorotated
 from pcnclaws.laws.materials import MATERIALS
-from pcnclaws.linalg3 import identity_like
 from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.mpm.state import ParticleState
 from pcnclaws.simulation.fast_paths import Skips
@@ -36,7 +35,8 @@ from pcnclaws.simulation.free_fall import free_steps
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.rollout import simulate_scenes
 from pcnclaws.simulation.simulator import Simulator
-from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.tensors.linalg3 import identity_like
+from pcnclaws.tensors.tensor_types import Matrices, Parameters
 
 STEPS = 100
 PLAN = FramePlan(STEPS, every=7, keyframe_every=30, velocities=True)

@@ -11,7 +11,6 @@ from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.geometry.shapes import particles, spin_velocity
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import material_named
-from pcnclaws.layout import join_positions, split_vectors
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.batch import batch_scenes
 from pcnclaws.simulation.execution import Execution
@@ -19,6 +18,7 @@ from pcnclaws.simulation.placement import require_inside
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.scenes import SceneStart, group_by_settings, start_of
+from pcnclaws.tensors.layout import join_positions, split_vectors
 
 SETTINGS = SimulationSettings()
 

@@ -22,7 +22,7 @@ from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.neural import build_neural_laws
 from pcnclaws.simulation.law_simulator import LawSimulator
 from pcnclaws.simulation.records import SceneRecord
-from pcnclaws.tensor_types import Matrices, Parameters
+from pcnclaws.tensors.tensor_types import Matrices, Parameters
 from pcnclaws.training import watched
 from pcnclaws.training.loop import Loop
 from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings

@@ -9,7 +9,7 @@ import torch
 from bodies import seeded, uniform
 from torch import Tensor
 
-from pcnclaws.linalg3 import (
+from pcnclaws.tensors.linalg3 import (
     cofactors,
     determinant,
     deviator,

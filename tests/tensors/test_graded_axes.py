@@ -22,7 +22,7 @@ from pcnclaws.laws.elasticity import FixedCorotated, StVKHencky
 from pcnclaws.laws.law import Law
 from pcnclaws.laws.materials import material_named
 from pcnclaws.laws.plasticity import DruckerPrager, VonMises
-from pcnclaws.linalg3 import hencky_strain
+from pcnclaws.tensors.linalg3 import hencky_strain
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="needs a C++ compiler")
 TOLERANCES = {torch.float32: 1e-5, torch.float64: 1e-11}

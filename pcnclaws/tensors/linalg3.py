@@ -16,8 +16,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from pcnclaws.graded_axes import graded_hencky_strain, graded_stretch
-from pcnclaws.tensor_types import Matrices, ParticleMask, Scalars
+from pcnclaws.tensors.graded_axes import graded_hencky_strain, graded_stretch
+from pcnclaws.tensors.tensor_types import Matrices, ParticleMask, Scalars
 
 # Stretches that the series for logarithm and exponential serve.
 LEAST_STRETCH, MOST_STRETCH = 0.05, 20.0

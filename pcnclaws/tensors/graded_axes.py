@@ -11,8 +11,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from pcnclaws.tensor_types import Matrices
-from pcnclaws.twofold import Twofold, product_of
+from pcnclaws.tensors.tensor_types import Matrices
+from pcnclaws.tensors.twofold import Twofold, product_of
 
 Batch = Float[Tensor, "particles 3 3"]
 Values = Float[Tensor, "particles 3"]
