@@ -39,10 +39,11 @@ def parameters_from(options: Mapping[str, Number], material: Material) -> dict[s
 
 
 def settings_from(
-    simulation: Simulation, automatic: float | None = None, scene: Scene | None = None
+    simulation: Simulation, material: Material, automatic: float | None = None, scene: Scene | None = None
 ) -> SimulationSettings:
     """The settings of `simulation.*`, whose walls hold.
 
+    material   whose density it is where simulation.density is null
     automatic  the time step [s] that simulation.time_step=auto stands for, None where it is not accepted
     scene      whose colliders and loads belong to them, None for neither
     """
@@ -56,7 +57,7 @@ def settings_from(
         wall_distance=float(simulation.wall_distance),
         gravity=(gravity[0], gravity[1], gravity[2]),
         boundary=simulation.boundary,
-        density=float(simulation.density),
+        density=float(material.density if simulation.density is None else simulation.density),
         domain=domain_of(simulation.domain),
         friction=float(simulation.friction),
         transfer=simulation.transfer,
@@ -83,11 +84,11 @@ def start_from(config: SimulateConfig) -> SceneStart:
     """
     material = material_named(config.material.name)
     parameters = parameters_from(config.parameters, material)
-    settings = settings_from(config.simulation, SimulationSettings.time_step, config.scene)
+    settings = settings_from(config.simulation, material, SimulationSettings.time_step, config.scene)
     if config.scene.frame is not None:
         return _going_on(config, material, parameters, settings)
     body = body_from(config.scene)
-    if body.density is not None and settings.density != SimulationSettings.density:
+    if body.density is not None and config.simulation.density is not None:
         raise two_densities(settings.density)
     require_volume(body.volume, settings, _where(config.scene))
     require_inside(body.position, settings, _where(config.scene))
@@ -97,9 +98,7 @@ def start_from(config: SimulateConfig) -> SceneStart:
     start = SceneStart(str(name), material.name, settings, parameters, **body._asdict())
     if config.simulation.time_step != "auto":
         return start
-    return replace(
-        start, settings=settings_from(config.simulation, stability_of(start).automatic_time_step, config.scene)
-    )
+    return replace(start, settings=replace(settings, time_step=stability_of(start).automatic_time_step))
 
 
 def _going_on(
@@ -113,7 +112,7 @@ def _going_on(
     if config.simulation.time_step == "auto":
         settings = replace(settings, time_step=later.time_step)
     start = later.going_on(material.name, parameters, settings, with_time=scene.start_time is None)
-    if start.density is not None and settings.density != SimulationSettings.density:
+    if start.density is not None and config.simulation.density is not None:
         raise two_densities(settings.density)
     return replace(start, name=str(scene.name or Path(str(scene.particles)).stem))
 

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -34,11 +35,12 @@ def plan_from(config: GenerateConfig) -> DataSetPlan:
     simulation.time_step=auto is the step that the fastest and stiffest scene of the data set allows.
     raises  UserError, also when a scene of it would not be stable
     """
-    plan = _plan(config, settings_from(config.simulation, automatic=SimulationSettings.time_step))
+    settings = settings_from(config.simulation, material_named(config.material.name), SimulationSettings.time_step)
+    plan = _plan(config, settings)
     scenes = [stability_of(start) for starts in planned_scenes(plan).values() for start in starts]
     if config.simulation.time_step == "auto":
         stiffest = max(scenes, key=lambda scene: scene.cfl)
-        return _plan(config, settings_from(config.simulation, stiffest.automatic_time_step))
+        return _plan(config, replace(settings, time_step=stiffest.automatic_time_step))
     max(scenes, key=lambda scene: scene.cfl / scene.stable_cfl).check()
     return plan
 

@@ -40,7 +40,7 @@ def observation_from(config: EstimateConfig, material: Material) -> Observation:
             raise UserError(
                 f"{path}: markers need a body; accepted: scene.shape=cube, ..., scene.mesh=FILE or scene.particles=FILE"
             )
-        settings = _observed_settings(config.simulation, config.scene, SimulationSettings())
+        settings = _observed_settings(config.simulation, config.scene, _unsaid(material))
         known = config.scene.velocity is not None or config.scene.particles is not None
         capture = capture_of(config.observation)
         observation = from_table(path, material.name, settings, body, known, capture=capture)
@@ -70,7 +70,7 @@ def _points(config: EstimateConfig, material: Material, path: str, body: PointCl
     return from_points(
         path,
         material.name,
-        _observed_settings(config.simulation, scene, SimulationSettings()),
+        _observed_settings(config.simulation, scene, _unsaid(material)),
         body,
         velocity_known=scene.velocity is not None or scene.particles is not None,
         units=capture.units,
@@ -116,6 +116,11 @@ def _observed_affine(scene: Scene, observation: Observation) -> Float[np.ndarray
     if word == "velocity":
         return velocity_gradients(observation.position, velocity, observation.volume)
     return observation.initial_affine
+
+
+def _unsaid(material: Material) -> SimulationSettings:
+    """The settings of an observation that says none."""
+    return SimulationSettings(density=float(material.density))
 
 
 def _observed_settings(simulation: ObservedSimulation, scene: Scene, own: SimulationSettings) -> SimulationSettings:

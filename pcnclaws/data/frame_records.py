@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 
 from pcnclaws.data.scene_notes import parameters_from_notes, settings_from_notes
 from pcnclaws.errors import UserError
+from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.parameters import PARAMETERS
 from pcnclaws.simulation.placement import require_volume
 from pcnclaws.simulation.records import SceneRecord
@@ -69,7 +70,8 @@ def record_of(frames: Sequence[Frame], path: Path, name: str, material: str) -> 
         volume = _equal_volumes(first.position, where)
     if density is not None and "density" not in notes and np.all(density == density[0]):
         notes["density"] = float(density[0])
-    settings = settings_from_notes(notes, where)
+    known = MATERIALS.get(str(notes.get("material", material)))
+    settings = settings_from_notes(({} if known is None else {"density": known.density}) | notes, where)
     require_volume(volume, settings, where)
     uniform = density is None or np.all(density == density.dtype.type(settings.density))
     return SceneRecord(

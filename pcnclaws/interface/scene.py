@@ -101,7 +101,7 @@ class Scene:
         self._start = checked_start(
             body,
             law.material,
-            replace(settings.simulation, colliders=self.colliders, loads=self.loads, start_time=start_time),
+            replace(settings.of(law.material, body), colliders=self.colliders, loads=self.loads, start_time=start_time),
             self._values,
             name=self.name,
             velocity=self._velocity,

@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from typing import Any, TypeAlias
 
 from pcnclaws.errors import UserError, unknown_name
+from pcnclaws.geometry.body import Body
+from pcnclaws.laws.materials import Material
 from pcnclaws.mpm.settings import UNIT_BOX, Domain, SimulationSettings
 
 Vector: TypeAlias = Sequence[float | int]
@@ -25,7 +27,7 @@ class Settings:
     gravity        [m/s^2]
     boundary       contact of the walls: "separate", "slip" or "sticky"
     friction       Coulomb's coefficient of friction of the walls [-]
-    density        [kg/m^3]
+    density        [kg/m^3], None: that of the material
     transfer       between particles and grid: "apic", or "axpic2" to "axpic4", which damp less
     raises         UserError for unknown names with the nearest known one, and for values that are not accepted
     """
@@ -41,14 +43,14 @@ class Settings:
         gravity: Vector = PAPER.gravity,
         boundary: str = PAPER.boundary,
         friction: float | int = PAPER.friction,
-        density: float | int = PAPER.density,
+        density: float | int | None = None,
         transfer: str = PAPER.transfer,
         **unknown: Any,
     ) -> None:
         for name in unknown:
             known = {field.name for field in fields(SimulationSettings)} - set(OF_SCENES)
             raise unknown_name("simulation", name, {*known, "grid_nodes"})
-        self.is_automatic = time_step == "auto"
+        self.is_automatic, self.has_density = time_step == "auto", density is not None
         box = _domain(domain)
         self.simulation = SimulationSettings(
             time_step=PAPER.time_step if self.is_automatic else _number("time_step", time_step, ", or auto"),
@@ -56,15 +58,30 @@ class Settings:
             wall_distance=_number("wall_distance", wall_distance),
             gravity=_vector("gravity", gravity),
             boundary=boundary,
-            density=_number("density", density),
+            density=PAPER.density if density is None else _number("density", density),
             domain=box,
             friction=_number("friction", friction),
             transfer=transfer,
         )
         self.simulation.require_walls_that_hold()
 
+    def of(self, material: Material, body: Body) -> SimulationSettings:
+        """The settings of the simulation of a body of that material.
+
+        raises  UserError for a density that settings and particles say
+        """
+        if not self.has_density:
+            return replace(self.simulation, density=float(material.density))
+        if body.cloud.density is not None:
+            raise UserError(
+                f"simulation.density={self.simulation.density:g} has no effect on particles that bring their density; "
+                "accepted: one of the two"
+            )
+        return self.simulation
+
     def __repr__(self) -> str:
         given = asdict(self.simulation) | ({"time_step": "auto"} if self.is_automatic else {})
+        given |= {} if self.has_density else {"density": None}
         return f"Settings({', '.join(f'{name}={value!r}' for name, value in given.items() if name not in OF_SCENES)})"
 
 

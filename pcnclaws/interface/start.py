@@ -5,7 +5,6 @@ from dataclasses import replace
 
 from torch import Tensor
 
-from pcnclaws.errors import UserError
 from pcnclaws.geometry.body import Body
 from pcnclaws.interface.given import number
 from pcnclaws.laws.materials import Material
@@ -32,15 +31,9 @@ def checked_start(
     velocity      of the particles [m/s], (particles, 3)
     affine        APIC's C [1/s], (particles, 3, 3)
     is_automatic  whether the time step follows from the scene
-    raises        UserError for a body outside of the domain or in a collider, a load that acts on nothing, and a
-                  density that is said twice
+    raises        UserError for a body outside of the domain or in a collider, and a load that acts on nothing
     """
     cloud, what = body.cloud, f"body '{body.name}'"
-    if cloud.density is not None and settings.density != SimulationSettings.density:
-        raise UserError(
-            f"simulation.density={settings.density:g} has no effect on particles that bring their density; "
-            "accepted: one of the two"
-        )
     require_volume(cloud.volume, settings, what)
     require_inside(cloud.position, settings, what)
     require_loaded(cloud.position, settings, what)

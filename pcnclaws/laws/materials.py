@@ -50,6 +50,7 @@ class Material:
     colour   of its particles in pictures, RGB from 0 to 1
     viscous  class of its viscous law, or where it is; None: no stress depends on the velocity gradient
     kinds    of body that it holds: training scenes are of one after the other; none: they are drawn from `ranges`
+    density  [kg/m^3], where neither settings nor particles say another one
     """
 
     name: str
@@ -60,6 +61,7 @@ class Material:
     colour: tuple[float, float, float] = OTHER_COLOUR
     viscous: Any = None
     kinds: tuple[Kind, ...] = ()
+    density: float | int = 1000.0
 
     @property
     def elasticity(self) -> Any:

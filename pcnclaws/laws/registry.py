@@ -4,6 +4,7 @@ The only tables from names to classes of laws; whatever a file names is looked u
 loads PyTorch: the classes of the built-in ones are imported when somebody asks for them.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -149,6 +150,11 @@ def check_material(material: Material) -> None:
                 f"material '{material.name}': a parameter cannot be called '{parameter.name}'; accepted: a word of "
                 f"Python but for {', '.join(RESERVED)}"
             )
+    density: object = material.density
+    if isinstance(density, bool) or not isinstance(density, float | int) or not 0.0 < density < math.inf:
+        raise UserError(
+            f"material '{material.name}': density={density!r} is not accepted; accepted: a positive number [kg/m^3]"
+        )
     _check_ranges(material)
 
 

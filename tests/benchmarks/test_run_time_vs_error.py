@@ -269,7 +269,7 @@ def test_wrong_options_are_one_line(argument: str, message: str, in_process: Any
 @pytest.mark.parametrize("entry", ["simulate", "generate", "train"])
 def test_a_preset_simulates_the_papers_scene_for_the_papers_time(name: str, entry: str) -> None:
     paper, config = compose_config(entry), compose_config(entry, [f"simulation={name}"])
-    settings, resolution = settings_from(config.simulation), PRESETS[name]
+    settings, resolution = settings_from(config.simulation, MATERIALS["sand"]), PRESETS[name]
     assert settings == replace(PAPER, grid_spacing=settings.grid_spacing, time_step=settings.time_step)
     assert config.simulation.steps * settings.time_step == pytest.approx(paper.simulation.steps * PAPER.time_step)
     assert config.simulation.steps % config.simulation.every == 0

@@ -103,7 +103,7 @@ def test_default_parameters_are_the_middle_of_the_training_ranges(material):
 
 
 def test_default_settings_are_the_papers():
-    assert settings_from(compose_config("simulate").simulation) == SimulationSettings()
+    assert settings_from(compose_config("simulate").simulation, MATERIALS["sand"]) == SimulationSettings()
 
 
 @pytest.mark.parametrize("material", list(MATERIALS))

@@ -126,12 +126,33 @@ def test_a_law_that_branches_or_misspells_is_refused_in_one_line() -> None:
             {"kinds": (Kind({}, SOIL.defaults), Kind(SOIL.ranges, {"cohesoin": 1.0}))},
             "kinds.1. does not fit in cohesoin",
         ),
+        ({"density": 0.0}, "density=0.0 is not accepted; accepted: a positive number"),
+        ({"density": float("nan")}, "density=nan is not accepted; accepted: a positive number"),
         ({"elastic": Elasticity, "plastic": None}, "its laws name no physical_parameters"),
     ],
 )
 def test_a_material_that_is_none_is_refused_in_one_line(change: dict[str, Any], fault: str) -> None:
     with pytest.raises(UserError, match=fault):
         pc.analytic_law(replace(SOIL, **change))
+
+
+def test_a_body_is_as_heavy_as_its_material_unless_settings_or_particles_say_otherwise() -> None:
+    """Four times the density halves the speed of sound, sqrt(E / rho), and so doubles the stable time step."""
+    heavy = pc.analytic_law(replace(material_named("elasticity"), name="heavy_elasticity", density=4000.0))
+    cube = pc.Body.cube(side=0.2, centre=(0.5, 0.5, 0.5), particles_per_edge=3)
+    afloat = pc.Settings(gravity=(0, 0, 0))
+    scene = pc.Scene(cube, heavy, settings=afloat)
+    plain = pc.Scene(cube, pc.analytic_law("elasticity"), settings=afloat)
+    assert scene.stable_time_step == pytest.approx(2.0 * plain.stable_time_step, rel=0.05)
+    motion, of_settings = scene.simulate(2, 2), scene.with_(settings=pc.Settings(density=500.0)).simulate(2, 2)
+    assert motion.record.settings.density == 4000.0
+    assert of_settings.record.settings.density == 500.0
+    grains = pc.Body.points(cube.position, cube.volume, density=700.0)
+    start = pc.Scene(grains, heavy)._start
+    assert start.density is not None
+    assert start.density.tolist() == [700.0] * 27
+    with pytest.raises(UserError, match="simulation.density=500 has no effect on particles that bring their density"):
+        pc.Scene(grains, heavy, settings=pc.Settings(density=500.0))
 
 
 def test_the_cohesive_law_bears_tension_and_no_more() -> None:

@@ -11,7 +11,7 @@ from pcnclaws.commands.composition import compose_config
 from pcnclaws.commands.configuration import settings_from
 from pcnclaws.errors import ParticleEscaped, SimulationDiverged, UserError
 from pcnclaws.laws.analytic import analytic_laws
-from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.laws.materials import MATERIALS, material_named
 from pcnclaws.mpm.contact import VERSION_1_STICK
 from pcnclaws.mpm.diagnostics import why_failing
 from pcnclaws.mpm.settings import SimulationSettings
@@ -62,7 +62,7 @@ def test_what_is_pressed_through_a_thinner_one_is_told_so() -> None:
 def test_a_thinner_one_is_refused_with_the_thinnest_that_holds(distance: str) -> None:
     options = ["simulation.grid_nodes=10", f"simulation.wall_distance={distance}"]
     with pytest.raises(UserError, match=rf"{options[1]} .*accepted: 0\.1, "):
-        settings_from(compose_config("simulate", options).simulation)
+        settings_from(compose_config("simulate", options).simulation, material_named("sand"))
 
 
 @pytest.mark.parametrize("nodes", [7, 12, 30, 49, 256])
