@@ -6,10 +6,12 @@ import numpy as np
 
 from benchmarks.fuzzing.reader import Reader
 from pcnclaws.commands.law_source import law_source
+from pcnclaws.data.graph_network_files import METADATA
 from pcnclaws.data.loading_path_files import read_loading_paths
 from pcnclaws.data.motion_capture import Capture
 from pcnclaws.data.observation_files import from_record, from_table
 from pcnclaws.data.point_files import read_point_file
+from pcnclaws.data.point_observation import from_points
 from pcnclaws.data.trajectory_files import read_trajectories
 from pcnclaws.data.units import check_record
 from pcnclaws.geometry.shapes import particles
@@ -19,13 +21,16 @@ from pcnclaws.simulation.scenes import start_of
 BODY = particles("cube", (0.5, 0.5, 0.5), 0.2, 3, "centres")
 # Particles of the body that motion capture knows the places of.
 FIXED = {"a": BODY.position[0], "b": BODY.position[2], "c": BODY.position[6]}
+# A folder with a data set of graph network simulators.
+GRAPH_NETWORK = "graph_network"
 FRAME = '<VTKFile type="Collection"><Collection><DataSet timestep="0" file="{}"/></Collection></VTKFile>'
 
 
 def _trajectory(path: Path) -> None:
     for record in read_trajectories(path, "sand"):
         check_record(record)
-        start_of(record)
+        if record.initial_velocity is not None:  # train finds those that a file does not hold
+            start_of(record)
         from_record(record)
 
 
@@ -50,6 +55,20 @@ def _capture(path: Path) -> None:
     from_table(path, "sand", SimulationSettings(), BODY, velocity_known=False, capture=known)
 
 
+def _metadata(path: Path) -> None:
+    """What stands beside a data set of graph network simulators."""
+    (path.parent / GRAPH_NETWORK / METADATA).write_bytes(path.read_bytes())
+    _trajectory(path.parent / GRAPH_NETWORK / "train.npz")
+
+
+def _unlabelled(path: Path) -> None:
+    from_points(path, "sand", SimulationSettings(), BODY, velocity_known=False)
+
+
+def _unlabelled_series(path: Path) -> None:
+    _unlabelled(path.with_name(f"{path.stem}*{path.suffix}"))
+
+
 def _law(path: Path) -> None:
     law_source(str(path), None)
 
@@ -60,6 +79,12 @@ IMPORTED = {
     "motion_pvd": Reader(".pvd", _trajectory),
     "motion_vtu": Reader(".vtu", _frame),
     "motion_ply": Reader(".ply", _series),
+    "motion_csv": Reader(".csv", _trajectory),
+    "motion_gns": Reader(".npz", _trajectory),
+    "metadata_gns": Reader(".json", _metadata),
+    "unlabelled_csv": Reader(".csv", _unlabelled),
+    "unlabelled_npz": Reader(".npz", _unlabelled),
+    "unlabelled_ply": Reader(".ply", _unlabelled_series),
     "stress_csv": Reader(".csv", _stress),
     "stress_h5": Reader(".h5", _stress),
     "capture": Reader(".csv", _capture),

@@ -3,6 +3,7 @@
 import base64
 import csv
 import json
+import shutil
 import struct
 import zlib
 from dataclasses import replace
@@ -11,9 +12,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from benchmarks.fuzzing.imported_readers import FIXED
+from benchmarks.fuzzing.imported_readers import FIXED, GRAPH_NETWORK
 from pcnclaws.commands.runs import CONFIG, METRICS, WEIGHTS
+from pcnclaws.data.graph_network_files import METADATA
 from pcnclaws.data.law_packages import write_law_package
+from pcnclaws.data.point_frames import PointFrames, write_point_frames
 from pcnclaws.interface.motion import Motion
 from pcnclaws.simulation.records import SceneRecord
 
@@ -57,7 +60,7 @@ def write_imported_seeds(folder: Path, record: SceneRecord, run: Path) -> dict[s
     run     a run folder of a law
     """
     motion = Motion(replace(record, keyframes=None))
-    paths = {ending: motion.save(folder / f"motion.{ending}", 0) for ending in ("npz", "pvd", "vtu", "ply")}
+    paths = {ending: motion.save(folder / f"motion.{ending}", 0) for ending in ("npz", "pvd", "vtu", "ply", "csv")}
     notes = json.dumps({"youngs_modulus": 3e5, "poissons_ratio": 0.2, "friction_angle": 30.0})
     cloud, frame = CLOUD.format(notes=notes), FRAME.format(notes=notes, points=_compressed())
     written = {"cloud.ply": cloud, "frame.vtu": frame, **TABLES}
@@ -74,6 +77,10 @@ def write_imported_seeds(folder: Path, record: SceneRecord, run: Path) -> dict[s
         "motion_pvd": [paths["pvd"]],
         "motion_vtu": [folder / "frame.vtu", paths["vtu"]],
         "motion_ply": [folder / "cloud.ply", paths["ply"]],
+        "motion_csv": [paths["csv"]],
+        "motion_gns": _graph_network(folder, record),
+        "metadata_gns": [folder / METADATA],
+        **{f"unlabelled_{ending}": _unlabelled(folder / f"seen.{ending}") for ending in ("csv", "npz", "ply")},
         "stress_csv": [folder / name for name in TABLES],
         "stress_h5": [_loading_paths(folder / "stress.h5")],
         "capture": [_capture(folder / "capture.csv")],
@@ -88,6 +95,31 @@ def _compressed() -> str:
     return "".join(
         base64.b64encode(part).decode("ascii") for part in (struct.pack("<4I", 1, len(points), 0, len(block)), block)
     )
+
+
+def _graph_network(folder: Path, record: SceneRecord) -> list[Path]:
+    """A data set of graph network simulators in both forms, and what stands beside it, here and in its own folder."""
+    positions, kinds = record.position.astype(np.float32), np.full(record.position.shape[1], 6)
+    trajectory = np.empty(2, dtype=object)
+    trajectory[:] = [positions, kinds]
+    together = np.empty(1, dtype=object)
+    together[0] = [positions, kinds]
+    apart, whole = folder / "train.npz", folder / "whole.npz"
+    np.savez(apart, allow_pickle=True, simulation_trajectory_0=trajectory)
+    np.savez_compressed(whole, allow_pickle=True, gns_data=together)
+    notes = {"dt": 0.0025, "bounds": [[0.1, 0.9]] * 3, "dim": 3, "sequence_length": 3, "friction_angle": 30.0}
+    (folder / METADATA).write_text(json.dumps(notes), encoding="utf-8")
+    (folder / GRAPH_NETWORK).mkdir(exist_ok=True)
+    shutil.copy(apart, folder / GRAPH_NETWORK)
+    return [apart, whole]
+
+
+def _unlabelled(path: Path) -> list[Path]:
+    """Three frames of points on the surface of a body that does not move."""
+    corners = 0.5 + 0.1 * np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    time = 0.01 * np.arange(3)
+    frames = PointFrames(time, np.tile(corners, (3, 1)), np.repeat(np.arange(3), len(corners)))
+    return write_point_frames(path, frames)[-1:]  # of a series the last: frames come after the start
 
 
 def _loading_paths(path: Path) -> Path:
