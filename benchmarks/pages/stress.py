@@ -32,7 +32,8 @@ A dropped cube, and one afloat without gravity. *Growth*: the largest growth of 
 energy from one frame to any later one after the last impact, over the energy of the start, at most {growth:g}.
 *Drift*: how far the middle of the body moves in the last quarter, over dx, at most {drift:g}. *Creep*: the largest
 change of F by the return map at 20 000 strains inside the yield surface, at most {creep:g}. Sand misses the drift: on
-this floor, which has no friction, a heap goes on running out.
+this floor, which has no friction, a heap goes on running out. Sand that lies, in a bin and to a slope, stays
+([verification.md](verification.md), `sand_at_rest`).
 """
 GRADIENTS = """## Derivatives
 
