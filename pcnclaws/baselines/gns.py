@@ -12,7 +12,7 @@ from torch.utils.data import Dataset
 
 from pcnclaws.baselines.graph_network import GraphNetwork
 from pcnclaws.baselines.graphs import graph_of
-from pcnclaws.baselines.windows import FRAMES, WindowDataset, Windows, before_start, recorded_motion
+from pcnclaws.baselines.windows import FRAMES, WindowDataset, Windows, before_start, recorded_motion, walls_alone
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.laws.materials import Material
 from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution, Progress
@@ -114,7 +114,8 @@ class GraphNetworkSimulator(MotionModel):
         if not bool(torch.isfinite(history[-1]).all()):
             raise SimulationDiverged(f"scene '{start.name}' diverged: positions of the graph network are not finite")
         parameters = self._standardised(start.parameters).to(next(self.parameters()))
-        graph = graph_of(history, start.settings.wall_distance, parameters, self.velocity_unit, self.radius)
+        walls = walls_alone(start.settings, f"scene '{start.name}'")
+        graph = graph_of(history, walls, parameters, self.velocity_unit, self.radius)
         change = self.network(graph).double() * self.change_unit
         return torch.cat((history[1:], (2.0 * history[-1] - history[-2] + change)[None]))
 

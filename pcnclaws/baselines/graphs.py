@@ -9,6 +9,8 @@ from jaxtyping import Float, Int64
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from pcnclaws.mpm.settings import Domain
+
 # A particle has so many neighbours at most, the nearest ones.
 MOST_NEIGHBOURS = 48
 # Walls farther than this are not seen [m].
@@ -43,18 +45,18 @@ def neighbours(position: Float[np.ndarray, "particles 3"], radius: float) -> tup
     return senders[kept].astype(np.int64), receivers[kept].astype(np.int64)
 
 
-def wall_distances(position: Float[Tensor, "particles 3"], wall: float) -> Float[Tensor, "particles 6"]:
-    """Distance from each of the six walls over WALL_SIGHT, 1 where a wall is not seen.
+def wall_distances(position: Float[Tensor, "particles 3"], walls: Domain) -> Float[Tensor, "particles 6"]:
+    """Distance from each of the six walls over WALL_SIGHT, 1 where a wall is not seen, or where there is none.
 
-    wall  thickness of the wall layers at the sides of the unit box [m]
+    walls  lower and upper corner of the space between the walls [m], infinite without bounds
     """
-    low, high = position - wall, 1.0 - wall - position
+    low, high = position - position.new_tensor(walls[0]), position.new_tensor(walls[1]) - position
     return (torch.cat((low, high), dim=1) / WALL_SIGHT).clamp(-1.0, 1.0)
 
 
 def graph_of(
     history: Float[Tensor, "frames particles 3"],
-    wall: float,
+    walls: Domain,
     parameters: Float[Tensor, " names"],
     unit: Tensor,
     radius: float,
@@ -62,7 +64,7 @@ def graph_of(
     """The graph of one scene.
 
     history     positions of the last frames, the newest at the end [m], in double precision: differences count
-    wall        thickness of the wall layers [m]
+    walls       lower and upper corner of the space between the walls [m]
     parameters  what is known of the material, standardised
     unit        displacement between two frames that counts as one [m]
     radius      within which particles are neighbours [m]
@@ -72,7 +74,7 @@ def graph_of(
     displacement = (newest[senders] - newest[receivers]) / radius
     edges = torch.cat((displacement, displacement.norm(dim=1, keepdim=True)), dim=1)
     velocities = (history.diff(dim=0) / unit).transpose(0, 1).flatten(1)
-    nodes = torch.cat((velocities, wall_distances(newest, wall), parameters.expand(len(newest), -1)), dim=1)
+    nodes = torch.cat((velocities, wall_distances(newest, walls), parameters.expand(len(newest), -1)), dim=1)
     return Graph(senders, receivers, edges.to(dtype), nodes.to(dtype))
 
 

@@ -11,6 +11,7 @@ from torch.utils.data import Dataset
 
 from pcnclaws.baselines.graphs import Graph, graph_of, joined
 from pcnclaws.errors import UserError
+from pcnclaws.mpm.settings import Domain, SimulationSettings
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.simulation.scenes import SceneStart, start_of
 
@@ -38,12 +39,12 @@ class RecordedMotion(NamedTuple):
 
     position    [m], (FRAMES - 1 + frames, particles, 3)
     parameters  standardised, (names,)
-    wall        thickness of the wall layers [m]
+    walls       lower and upper corner of the space between the walls [m]
     """
 
     position: Positions
     parameters: Float[Tensor, " names"]
-    wall: float
+    walls: Domain
 
 
 class WindowDataset(Dataset[Windows]):
@@ -76,7 +77,7 @@ class WindowDataset(Dataset[Windows]):
             noise = random_walk(random, self.noise, (FRAMES, *window.shape[1:]))
             seen = window[:FRAMES] + noise
             change = window[-1] + noise[-1] - 2.0 * seen[-1] + seen[-2]
-            graphs.append(graph_of(torch.from_numpy(seen), motion.wall, motion.parameters, self.unit, self.radius))
+            graphs.append(graph_of(torch.from_numpy(seen), motion.walls, motion.parameters, self.unit, self.radius))
             changes.append(torch.from_numpy(change).float())
         return Windows(joined(graphs), torch.cat(changes))
 
@@ -115,4 +116,14 @@ def recorded_motion(record: SceneRecord, parameters: Tensor, frame_time: float) 
     if not np.isfinite(record.position).all():
         raise UserError(f"{record.label} has particles that were not observed; model=gns needs all of them")
     position = np.concatenate((before_start(start_of(record), frame_time), record.position))
-    return RecordedMotion(position, parameters, record.settings.wall_distance)
+    return RecordedMotion(position, parameters, walls_alone(record.settings, record.label))
+
+
+def walls_alone(settings: SimulationSettings, where: str) -> Domain:
+    """Lower and upper corner of the space between the walls [m], which are all that a graph network sees of a scene.
+
+    raises  UserError for a scene with colliders or loads
+    """
+    if settings.colliders or settings.loads:
+        raise UserError(f"{where} has colliders or loads, which model=gns does not see; accepted: bodies between walls")
+    return settings.within(settings.wall_distance)

@@ -11,11 +11,12 @@ from training_bodies import EVERY, SETTINGS, STEPS, recorded, starts
 
 from pcnclaws.baselines.gns import GraphNetworkSimulator, gns
 from pcnclaws.baselines.graphs import MOST_NEIGHBOURS, graph_of, neighbours, wall_distances
-from pcnclaws.baselines.windows import FRAMES, Windows, before_start, random_walk
+from pcnclaws.baselines.windows import FRAMES, Windows, before_start, random_walk, walls_alone
 from pcnclaws.data.datamodule import CheckedDataModule
 from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.evaluation.tasks import evaluate_records
 from pcnclaws.laws.materials import MATERIALS
+from pcnclaws.mpm.colliders import Collider
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.recording import FramePlan
@@ -25,6 +26,7 @@ from pcnclaws.training.one_step import OneStepModule
 from pcnclaws.training.trainer import fit, quiet_lightning
 
 RADIUS = 0.13
+WALLS = ((0.1, 0.1, 0.1), (0.9, 0.9, 0.9))
 SMALL = {"width": 8, "message_passing_steps": 2, "radius": RADIUS}
 
 
@@ -48,7 +50,7 @@ def cloud(count: int = 60) -> np.ndarray:
 
 def changes(model: GraphNetworkSimulator, history: np.ndarray) -> torch.Tensor:
     parameters = torch.tensor([0.2, -0.3], dtype=torch.float64)
-    return model.network(graph_of(torch.from_numpy(history), 0.1, parameters, model.velocity_unit, RADIUS))
+    return model.network(graph_of(torch.from_numpy(history), WALLS, parameters, model.velocity_unit, RADIUS))
 
 
 def moving(position: np.ndarray) -> np.ndarray:
@@ -68,8 +70,21 @@ def test_neighbours_are_all_pairs_within_the_radius() -> None:
 
 
 def test_walls_are_seen_only_nearby() -> None:
-    seen = wall_distances(torch.tensor([[0.5, 0.15, 0.88]], dtype=torch.float64), 0.1)
+    seen = wall_distances(torch.tensor([[0.5, 0.15, 0.88]], dtype=torch.float64), WALLS)
     assert seen[0].tolist() == pytest.approx([1.0, 0.5, 1.0, 1.0, 1.0, 0.2])
+
+
+def test_walls_are_those_of_the_domain_and_what_else_stands_there_is_refused() -> None:
+    settings = SimulationSettings(domain=((0.0, 0.0, 0.0), (2.0, 1.0, 1.0)))
+    seen = wall_distances(torch.tensor([[1.85, 0.5, 0.5]], dtype=torch.float64), walls_alone(settings, "x"))
+    assert seen[0].tolist() == pytest.approx([1.0, 1.0, 1.0, 0.5, 1.0, 1.0])
+    unbounded = walls_alone(SimulationSettings(domain=None), "x")
+    assert wall_distances(torch.zeros(1, 3, dtype=torch.float64), unbounded)[0].tolist() == [1.0] * 6
+    plane = Collider.plane(point=(0.0, 0.2, 0.0), normal=(0.0, 1.0, 0.0))
+    with pytest.raises(
+        UserError, match="x has colliders or loads, which model=gns does not see; accepted: bodies"
+    ):
+        walls_alone(SimulationSettings(colliders=(plane,)), "x")
 
 
 def test_away_from_walls_the_network_does_not_know_where_it_is() -> None:
