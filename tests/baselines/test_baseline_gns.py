@@ -81,9 +81,7 @@ def test_walls_are_those_of_the_domain_and_what_else_stands_there_is_refused() -
     unbounded = walls_alone(SimulationSettings(domain=None), "x")
     assert wall_distances(torch.zeros(1, 3, dtype=torch.float64), unbounded)[0].tolist() == [1.0] * 6
     plane = Collider.plane(point=(0.0, 0.2, 0.0), normal=(0.0, 1.0, 0.0))
-    with pytest.raises(
-        UserError, match="x has colliders or loads, which model=gns does not see; accepted: bodies"
-    ):
+    with pytest.raises(UserError, match="x has colliders or loads, which model=gns does not see; accepted: bodies"):
         walls_alone(SimulationSettings(colliders=(plane,)), "x")
 
 

@@ -1,8 +1,10 @@
 """The AOTInductor package of a law gives what PyTorch gives, to rounding, for any number of particles."""
 
+import shutil
 import subprocess
 import sys
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,16 +83,25 @@ def package(law: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def caller(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built as the docs say where there is CMake, otherwise by hand."""
     compiler, root = find_compiler(), Path(torch.__file__).parent
     if compiler is None:
         pytest.skip("needs a C++ compiler")
-    program = tmp_path_factory.mktemp("caller") / "caller"
-    includes = (f"-I{root / 'include'}", f"-I{root / 'include/torch/csrc/api/include'}")
-    libraries = (f"-L{root / 'lib'}", "-ltorch", "-ltorch_cpu", "-lc10", f"-Wl,-rpath,{root / 'lib'}")
-    command = [*compiler, "-std=c++20", "-O0", *includes, str(CALLER), *libraries, "-o", str(program)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return program
+    folder = tmp_path_factory.mktemp("caller")
+    if shutil.which("cmake"):
+        prefix = f"-DCMAKE_PREFIX_PATH={torch.utils.cmake_prefix_path}"
+        built([("cmake", "-S", CALLER.parent, "-B", folder, prefix), ("cmake", "--build", folder)])
+    else:
+        includes = (f"-I{root / 'include'}", f"-I{root / 'include/torch/csrc/api/include'}")
+        libraries = (f"-L{root / 'lib'}", "-ltorch", "-ltorch_cpu", "-lc10", f"-Wl,-rpath,{root / 'lib'}")
+        built([(*compiler, "-std=c++20", "-O0", *includes, CALLER, *libraries, "-o", folder / "caller")])
+    return folder / "caller"
+
+
+def built(commands: Sequence[Sequence[str | Path]]) -> None:
+    for command in commands:
+        done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow
