@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 from rich.table import Table
 
+from benchmarks.checks import names
 from benchmarks.context import BenchmarkContext, Checkpointed
 from benchmarks.left_files import broken_files, other_results, results_of
 from pcnclaws.commands.configuration import whole_number
@@ -71,7 +72,8 @@ def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]
     """Rows by command: what became of each way to be interrupted."""
     kills = whole_number(options["kills"], "problem.kills", least=0)
     folder = context.folder.absolute() / "trials"
-    lines = _lines(folder)
+    all_lines = _lines(folder)
+    lines = {name: all_lines[name] for name in names(options, "commands", all_lines)}
     done = Checkpointed.load(context.folder, "kills", {"seed": context.seed})
     ways: list[tuple[str, Callable[[Trial, Path, random.Random], list[str]]]] = [
         *((f"SIGKILL {k}", _killed) for k in range(kills)),
