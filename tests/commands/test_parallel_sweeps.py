@@ -33,11 +33,15 @@ def task(config):
     "A task."
     Path(f"began_{config.seed}_{os.getpid()}").touch()
     if config.seed == 2:
+        while not list(Path.cwd().glob("ended_1")):  # it would take a job that runs with it
+            time.sleep(0.05)
+        time.sleep(1.0)
         os.kill(os.getpid(), signal.SIGKILL)
     if config.seed == 3:
         raise SimulationDiverged("it left")
     if config.seed == 60:
         time.sleep(60)
+    Path(f"ended_{config.seed}").touch()
     return {"seconds [s]": float(config.seed)}
 
 launcher.main(task, "train")
