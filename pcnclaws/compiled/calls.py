@@ -26,13 +26,14 @@ def kernels_serve(
 
     They do on the CPU and on a GPU, in single and double precision, unless simulation.backend=torch, a function
     transform or a compiler of PyTorch is at work, or a derivative is asked for that they do not have: forward mode on a
-    GPU, for one.
+    GPU, for one. On a GPU they add up in an order that differs from run to run: with
+    torch.use_deterministic_algorithms(True) they do not serve there.
 
     state      any field of the state
     inputs     what else enters and has derivatives
     constants  what has none: mass, volume, gravity
     weights    what has none in forward mode
-    raises     UserError for simulation.backend=compiled where the kernels cannot be compiled
+    raises     UserError for simulation.backend=compiled where the kernels cannot be compiled, or must not run
     """
     if configured_backend() == "torch" or state.device.type not in ("cpu", "cuda") or state.dtype not in SUFFIXES:
         return False
@@ -44,11 +45,7 @@ def kernels_serve(
     if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in constants):
         return False
     if state.is_cuda:
-        if configured_backend() == "compiled" and not gpu_serves():
-            raise UserError(
-                "simulation.backend=compiled needs NVRTC, a part of PyTorch for GPUs; accepted: auto, torch"
-            )
-        return not in_forward_mode() and gpu_serves()
+        return _gpu_kernels_serve() and not in_forward_mode()
     if in_forward_mode() and not _has_forward_mode(everything, (*constants, *weights)):
         return False
     if kernel_library() is None:
@@ -56,6 +53,20 @@ def kernels_serve(
             raise UserError("simulation.backend=compiled needs a C++ compiler (g++); accepted here: auto, torch")
         return False
     return True
+
+
+def _gpu_kernels_serve() -> bool:
+    compiled = configured_backend() == "compiled"
+    if torch.are_deterministic_algorithms_enabled():
+        if compiled:
+            raise UserError(
+                "simulation.backend=compiled adds up in another order in each run on a GPU, and deterministic "
+                "algorithms are asked for; accepted: auto, torch"
+            )
+        return False
+    if compiled and not gpu_serves():
+        raise UserError("simulation.backend=compiled needs NVRTC, a part of PyTorch for GPUs; accepted: auto, torch")
+    return gpu_serves()
 
 
 def in_function_transform() -> bool:

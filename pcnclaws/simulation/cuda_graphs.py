@@ -31,11 +31,12 @@ WARM_UP = 2  # steps before the recording, in which kernels are compiled and lib
 def records_steps(simulator: Simulator, state: ParticleState, scenes: Scenes) -> bool:
     """Whether steps of this state are recorded: on a GPU, unless simulation.backend=torch or in forward mode.
 
-    Those with colliders or loads, which change with time, are not, nor those in large or unbounded domains.
+    Where PyTorch's deterministic algorithms are asked for, none are: kernels add up in an order of their own. Those
+    with colliders or loads, which change with time, are not, nor those in large or unbounded domains.
     """
     if not state.position.is_cuda or configured_backend() == "torch" or not simulator.integrator.is_recordable:
         return False
-    if in_function_transform() or in_forward_mode():
+    if in_function_transform() or in_forward_mode() or torch.are_deterministic_algorithms_enabled():
         return False
     return not any(field.requires_grad for field in scenes.constants)
 

@@ -5,7 +5,7 @@ import torch
 
 from benchmarks.cases import Case, Prepared
 from pcnclaws.compiled.backend import using_backend
-from pcnclaws.errors import SimulationDiverged
+from pcnclaws.errors import SimulationDiverged, UserError
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.recording import FramePlan
@@ -56,6 +56,18 @@ def test_recorded_simulation_equals_pytorch_and_the_cpu(material: str, laws: str
     for other in found[1:]:
         for here, there in zip(found[0], other, strict=True):
             assert (here - there).abs().max() <= 1e-9 * there.abs().max()
+
+
+def test_deterministic_algorithms_give_the_same_bits_twice() -> None:
+    torch.use_deterministic_algorithms(True)
+    try:
+        simulator, batch = prepared("sand", "neural", scenes=8)
+        first, second = gradients(simulator, batch), gradients(simulator, batch)
+        with using_backend("compiled"), pytest.raises(UserError, match="adds up in another order in each run on a GPU"):
+            gradients(simulator, batch)
+    finally:
+        torch.use_deterministic_algorithms(False)
+    assert all(torch.equal(here, there) for here, there in zip(first, second, strict=True))
 
 
 @pytest.mark.parametrize(("material", "laws"), [("elasticity", "analytic"), ("sand", "neural")])
