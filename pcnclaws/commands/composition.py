@@ -81,10 +81,17 @@ def as_hydra_reads_them(overrides: Sequence[str]) -> list[str]:
         if len(name) > LONGEST_NAME:
             raise UserError(f"option='{name[:40]}...' is not known; accepted: what --help lists, no names so long")
         group = name.lstrip("+")
-        if value.startswith("[") and re.fullmatch(r"[\w/]+", group) and (conf_folder() / group).is_dir():
-            choices = sorted({*(path.stem for path in (conf_folder() / group).glob("*.yaml")), *choices_of(group)})
-            raise UserError(f"{override[:80]} is not accepted; accepted: one of {', '.join(choices)}")
+        listed, long = value.startswith("["), any(len(word) > LONGEST_NAME for word in value.split(","))
+        if (listed or long) and (choices := _choices(group)):
+            raise UserError(f"{override[:80]} is not accepted; accepted: one of {', '.join(sorted(choices))}")
     return [_as_addition(_as_group_choice(override)) for override in overrides]
+
+
+def _choices(group: str) -> set[str]:
+    """What a group of options may be, empty for what is no group."""
+    if not re.fullmatch(r"[\w/]+", group):
+        return set()
+    return {*(path.stem for path in (conf_folder() / group).glob("*.yaml")), *choices_of(group)}
 
 
 def checked(entry: str, config: DictConfig, overrides: Sequence[str], swept: Collection[str] = ()) -> Any:

@@ -66,7 +66,7 @@ def check_options(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> Non
     A default of None says nothing about the kind; numbers are finite there too.
     """
     for option, value in values.items():
-        if option not in defaults and option.startswith(OPEN_GROUPS):
+        if option not in defaults and _is_open(option, defaults):
             _require_kind(option, value, None)
             continue
         if option not in defaults:
@@ -76,6 +76,12 @@ def check_options(values: Mapping[str, Any], defaults: Mapping[str, Any]) -> Non
     for option, default in defaults.items():
         if option not in values:
             raise UserError(f"option '{option}' is missing; accepted: {_accepted(default)}")
+
+
+def _is_open(option: str, defaults: Mapping[str, Any]) -> bool:
+    """Whether the option is of a group that takes any name, and that the command has."""
+    group = next((group for group in OPEN_GROUPS if option.startswith(group)), None)
+    return group is not None and any(known.startswith(group) for known in defaults)
 
 
 def unknown_option(option: str, defaults: Mapping[str, Any]) -> UserError:

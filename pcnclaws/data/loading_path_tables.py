@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pcnclaws.data.csv_files import opened_table
 from pcnclaws.data.loading_paths import STRESSES, LoadingPath, check_path, unit_factor
 from pcnclaws.errors import UserError
 
@@ -75,7 +76,7 @@ def _require_both(file: Path, deformation: np.ndarray, kinds: set[str]) -> None:
 
 def _rows(file: Path) -> tuple[list[str], np.ndarray]:
     """Names of the columns, and the numbers, (lines, columns)."""
-    with file.open(newline="", encoding="utf-8-sig", errors="replace") as text:
+    with opened_table(file) as text:
         lines = csv.reader(text)
         header = [name.strip() for name in next(lines, [])]
         if not header or len(set(header)) < len(header) or "" in header:

@@ -11,6 +11,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float
 
+from pcnclaws.data.csv_files import opened_table
 from pcnclaws.errors import UserError
 
 log = logging.getLogger(__name__)
@@ -28,9 +29,7 @@ def read_table(path: Path) -> tuple[np.ndarray, list[str], Float[np.ndarray, "fr
     Either a line for each marker of each frame, of the columns `time, marker, x, y, z`, or a line for each frame, with
     the columns `<marker>_x, <marker>_y, <marker>_z` of each marker beside a time.
     """
-    if not path.is_file():
-        raise UserError(f"{path}: no such file")
-    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
+    with opened_table(path) as file:
         rows = csv.DictReader(file)
         header = [str(name).strip() for name in rows.fieldnames or ()]
         if len(set(header)) < len(header):

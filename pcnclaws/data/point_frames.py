@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int64
 
 from pcnclaws.atomic import replaced_file
+from pcnclaws.data.csv_files import opened_table
 from pcnclaws.data.guarded_npz import opened_arrays
 from pcnclaws.data.ply_series import read_cloud_series
 from pcnclaws.data.point_cloud_files import write_ply
@@ -101,9 +102,7 @@ def _write_clouds(path: Path, frames: PointFrames) -> list[Path]:
 
 
 def _from_table(path: Path) -> PointFrames:
-    if not path.is_file():
-        raise UserError(f"{path}: no such file")
-    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
+    with opened_table(path) as file:
         rows = csv.reader(file)
         header = [name.strip() for name in next(rows, [])]
         for name in COLUMNS:
