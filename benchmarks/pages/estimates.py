@@ -27,6 +27,8 @@ WAYS = {
     "points": "analytic law, 500 points without labels",
     "mismatched": "analytic law, 100 markers of a finer simulation",
     "mismatched_third": "analytic law, 100 markers of one three times as fine",
+    "refined": "analytic law, finer grids, 100 markers of a finer simulation",
+    "refined_third": "analytic law, finer grids, 100 markers of one three times as fine",
 }
 # Of benchmarks/parts.py.
 TRUTHS = {
