@@ -9,6 +9,7 @@ from pathlib import Path
 
 from benchmarks.pages.cells import table
 from benchmarks.pages.documents import Document, read_document
+from benchmarks.pages.mismatch import mismatch_section
 from benchmarks.pages.searches import compared_searches, searches_picture
 from pcnclaws.atomic import replaced_file
 from pcnclaws.errors import UserError
@@ -108,6 +109,7 @@ def estimation_page(folder: Path) -> str:
         "# Estimates",
         INTRODUCTION,
         _summary({name: by_object[name] for name in paper}, truths),
+        *filter(None, [mismatch_section(by_object, truths)]),
         *_coverage(folder),
         *([SEARCHES] if compared_searches(by_object) else []),
         *(_object(name, by_object[name], truths[name]) for name in [*paper, *(n for n in TRUTHS if n in by_object)]),

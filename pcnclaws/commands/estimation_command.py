@@ -106,7 +106,7 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     stages = [Stage(problem, module.u, module.linearisation())]
     if finer:
         stages += refined_estimate(finer, stages[0], console)
-    problem, u, at = stages[-1]
+    problem, u, at, _ = stages[-1]
     found = uncertainty(at, problem.unknowns, u, law_error, noise)
     fit = fit_of(problem, u, found, noise)
     if reckons and (fit.fitted is False or is_pattern(observation, found.residual)):

@@ -25,6 +25,10 @@ def refined_estimate(problems: list[EstimationProblem], search: Stage, console: 
     for stage in stages:
         settings = stage.problem.observation.settings
         console.print(f"grid spacing {settings.grid_spacing:.4g} m: {_words(stage)}", markup=False)
+        if not stage.settled:
+            console.print(
+                "  the search on this grid did not come to its end: the numbers are those of its best simulation"
+            )
     if len(stages) > 1:
         stages.append(along_spacing(*stages[-2:]))
         console.print(f"between and beyond them: {_words(stages[-1])}", markup=False)

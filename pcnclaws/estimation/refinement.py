@@ -32,11 +32,13 @@ class Stage(NamedTuple):
     problem  with the settings of that grid
     u        coordinates, (unknowns,)
     at       the residual of that grid, and the Jacobian of it or of a coarser one
+    settled  whether the search came to its end
     """
 
     problem: EstimationProblem
     u: np.ndarray
     at: Linearisation
+    settled: bool = True
 
 
 def refined(coarse: Stage, problems: Sequence[EstimationProblem]) -> list[Stage]:
@@ -47,11 +49,26 @@ def refined(coarse: Stage, problems: Sequence[EstimationProblem]) -> list[Stage]
     stages: list[Stage] = []
     last = coarse
     for number, problem in enumerate(problems):
-        last = followed(last, problem)
+        before, last = last, followed(last, problem)
         if number < len(problems) - 1:
             last = followed(last._replace(at=problem.linearise(last.u)), problem)
+        elif not last.settled:
+            last = _by_new_derivatives(before, last)
         stages.append(last)
     return stages
+
+
+def _by_new_derivatives(before: Stage, last: Stage) -> Stage:
+    """The search on the finest grid gone on with, by derivatives of the grid before at the numbers that it has reached.
+
+    What stands around the body, and its size, are those of that grid: the body is to meet its walls in the same frames.
+    """
+    u, around = last.u.copy(), last.problem.unknowns.surroundings
+    u[around] = before.u[around]
+    at = before.problem.linearise(u)
+    if not np.isfinite(at.mse):
+        return last
+    return followed(last._replace(at=last.at._replace(jacobian=at.jacobian)), last.problem)
 
 
 def followed(start: Stage, problem: EstimationProblem) -> Stage:
@@ -59,7 +76,7 @@ def followed(start: Stage, problem: EstimationProblem) -> Stage:
     u, jacobian, part = start.u, start.at.jacobian.copy(), start.at.part
     same = problem is start.problem
     here = start.at if same else Linearisation(problem.residual(u), jacobian, part)
-    search = LevenbergMarquardt(FIRST_DAMPING)
+    search, settled = LevenbergMarquardt(FIRST_DAMPING), False
     for _ in range(SIMULATIONS):
         step = search.step(here, problem.unknowns.reach(u))
         there = Linearisation(problem.residual(u + step), jacobian, part)
@@ -70,10 +87,11 @@ def followed(start: Stage, problem: EstimationProblem) -> Stage:
         if taken:
             u, here = u + step, there
         here = here._replace(jacobian=jacobian)
-        if search.done or (taken and 1.0 - after / before < LEAST_GAIN):
+        settled = search.done or (taken and 1.0 - after / before < LEAST_GAIN)
+        if settled:
             break
     # intervals are those of exact derivatives, of the finest grid that has them
-    return Stage(problem, u, here._replace(jacobian=start.at.jacobian))
+    return Stage(problem, u, here._replace(jacobian=start.at.jacobian), settled)
 
 
 def corrected(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
