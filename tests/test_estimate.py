@@ -301,6 +301,21 @@ def test_wrong_input_is_one_line_exit_2_and_no_result(arguments: list[str], mess
 
 
 @pytest.mark.slow
+def test_finer_grids_find_the_spacing_of_the_motion(estimated, tmp_path) -> None:
+    """Of a cube with particles on its faces, which weighs as if it were a third larger; x and z meet no wall."""
+    body = ["scene.shape=cube", "scene.centre=[0.5,0.24,0.5]", "scene.side=0.2", "scene.particles_per_edge=6"]
+    outcome = estimated(*body, "unknown.walls=true", "unknown.size=true", "discrepancy=true", "refinements=[1.5,2]")
+    assert outcome.status == 0, outcome.err
+    found = json.loads((tmp_path / "new" / "e.json").read_text())
+    spacing = found["motion"]["grid_spacing"]
+    assert spacing["identifiable"]
+    assert spacing["estimate"] == pytest.approx(0.05, rel=0.25)
+    assert found["motion"]["size"]["estimate"] == pytest.approx(1.0 / 3.0, abs=0.1)
+    assert len(found["history"]) == found["iterations"] + 1 + 3
+    assert read_scenes(tmp_path / "new" / "e_simulated.h5")[0].settings.grid_spacing == pytest.approx(0.025)
+
+
+@pytest.mark.slow
 def test_two_bodies_of_different_stiffness_are_told_at_once(estimated, tmp_path) -> None:
     one = start("elasticity")
     apart = np.concatenate((one.position - np.array((0.2, 0.0, 0.0)), one.position + np.array((0.2, 0.02, 0.0))))

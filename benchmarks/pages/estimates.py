@@ -73,7 +73,7 @@ them missing; start velocity and spin are estimated along. *Of a finer
 simulation*: the motion was simulated with half the time step, half the grid spacing and eight times the particles, or a
 third and 27 times, and is explained with the usual ones, a body of `scene.lattice=centres`, `unknown.walls=true` and
 `discrepancy=true`. The margin of these intervals was chosen so that those of elasticity 1 and plasticine 1 of half the
-spacing hold the truth; the others are a test of it.
+spacing hold the truth; the others are a test of it. Those with *finer grids* are as [below](#motions-of-other-grids).
 
 *Points without labels* are some 500 in every fifth step, other ones each time, on the part of the surface that a camera
 above a corner of the cube sees, each coordinate with a noise of 2 mm; start velocity, spin and the offset of the
