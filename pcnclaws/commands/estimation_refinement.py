@@ -21,8 +21,9 @@ def refined_problems(config: EstimateConfig, material: Material, coarse: Estimat
 
 def refined_estimate(problems: list[EstimationProblem], search: Stage, console: Console) -> list[Stage]:
     """The estimates on finer grids, and last the one at the spacing that the motion is most like, if there are two."""
-    stages = refined(search, problems)
-    for stage in stages:
+    stages: list[Stage] = []
+    for stage in refined(search, problems):
+        stages.append(stage)
         settings = stage.problem.observation.settings
         console.print(f"grid spacing {settings.grid_spacing:.4g} m: {_words(stage)}", markup=False)
         if not stage.settled:

@@ -11,7 +11,7 @@ the best numbers u and their residual r change with h; where the residual is sma
 that the motion is most like: none for a continuum, that of its own grid for a simulation.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -41,12 +41,11 @@ class Stage(NamedTuple):
     settled: bool = True
 
 
-def refined(coarse: Stage, problems: Sequence[EstimationProblem]) -> list[Stage]:
-    """Estimates on finer and finer grids.
+def refined(coarse: Stage, problems: Sequence[EstimationProblem]) -> Iterator[Stage]:
+    """Estimates on finer and finer grids, as they are made.
 
     problems  the same observation and unknowns on each of them, finer ones last; derivatives of the last are not taken
     """
-    stages: list[Stage] = []
     last = coarse
     for number, problem in enumerate(problems):
         before, last = last, followed(last, problem)
@@ -54,8 +53,7 @@ def refined(coarse: Stage, problems: Sequence[EstimationProblem]) -> list[Stage]
             last = followed(last._replace(at=problem.linearise(last.u)), problem)
         elif not last.settled:
             last = _by_new_derivatives(before, last)
-        stages.append(last)
-    return stages
+        yield last
 
 
 def _by_new_derivatives(before: Stage, last: Stage) -> Stage:
