@@ -277,6 +277,15 @@ def test_free_flight_gives_no_number(estimated, tmp_path: Path) -> None:
             "unknown.gravity=true is not accepted without gravity",
         ),
         (["discrepancy=true", "observation.kind=points", "scene.shape=cube"], "discrepancy=true is not accepted with"),
+        (["unknown.size=true"], "unknown.size=true needs markers on a body; accepted: scene.shape=cube, ..."),
+        (["refinements=2"], "refinements=2 is not accepted; accepted: numbers above 1 that increase"),
+        (["refinements=[2,1.5]"], "refinements=[2, 1.5] is not accepted; accepted: numbers above 1 that increase"),
+        (["refinements=[2]"], "refinements=[2] is not accepted with the particles of a file"),
+        (["refinements=[2]", "estimator=adam"], "refinements=[2] is not accepted with estimator=adam"),
+        (
+            ["refinements=[1.77]", "scene.shape=cube", "scene.side=0.2", "scene.centre=[0.5,0.24,0.5]"],
+            "refinements=[1.77]: ",
+        ),
         (["device=cuda"], "device=cuda is not accepted; accepted: cpu"),
         (["observation.noise=0"], "observation.noise=0 is not accepted; accepted: above 0"),
         (["observation.noise=true"], "observation.noise=True is not accepted"),
@@ -289,6 +298,21 @@ def test_wrong_input_is_one_line_exit_2_and_no_result(arguments: list[str], mess
     assert message in outcome.err
     assert len(outcome.err.splitlines()) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["x.h5"]
+
+
+@pytest.mark.slow
+def test_finer_grids_find_the_spacing_of_the_motion(estimated, tmp_path) -> None:
+    """Of a cube with particles on its faces, which weighs as if it were a third larger; x and z meet no wall."""
+    body = ["scene.shape=cube", "scene.centre=[0.5,0.24,0.5]", "scene.side=0.2", "scene.particles_per_edge=6"]
+    outcome = estimated(*body, "unknown.walls=true", "unknown.size=true", "discrepancy=true", "refinements=[1.5,2]")
+    assert outcome.status == 0, outcome.err
+    found = json.loads((tmp_path / "new" / "e.json").read_text())
+    spacing = found["motion"]["grid_spacing"]
+    assert spacing["identifiable"]
+    assert spacing["estimate"] == pytest.approx(0.05, rel=0.25)
+    assert found["motion"]["size"]["estimate"] == pytest.approx(1.0 / 3.0, abs=0.1)
+    assert len(found["history"]) == found["iterations"] + 1 + 3
+    assert read_scenes(tmp_path / "new" / "e_simulated.h5")[0].settings.grid_spacing == pytest.approx(0.025)
 
 
 @pytest.mark.slow

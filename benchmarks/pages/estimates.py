@@ -9,6 +9,7 @@ from pathlib import Path
 
 from benchmarks.pages.cells import table
 from benchmarks.pages.documents import Document, read_document
+from benchmarks.pages.mismatch import mismatch_section
 from benchmarks.pages.searches import compared_searches, searches_picture
 from pcnclaws.atomic import replaced_file
 from pcnclaws.errors import UserError
@@ -27,6 +28,8 @@ WAYS = {
     "points": "analytic law, 500 points without labels",
     "mismatched": "analytic law, 100 markers of a finer simulation",
     "mismatched_third": "analytic law, 100 markers of one three times as fine",
+    "refined": "analytic law, finer grids, 100 markers of a finer simulation",
+    "refined_third": "analytic law, finer grids, 100 markers of one three times as fine",
 }
 # Of benchmarks/parts.py.
 TRUTHS = {
@@ -70,7 +73,7 @@ them missing; start velocity and spin are estimated along. *Of a finer
 simulation*: the motion was simulated with half the time step, half the grid spacing and eight times the particles, or a
 third and 27 times, and is explained with the usual ones, a body of `scene.lattice=centres`, `unknown.walls=true` and
 `discrepancy=true`. The margin of these intervals was chosen so that those of elasticity 1 and plasticine 1 of half the
-spacing hold the truth; the others are a test of it.
+spacing hold the truth; the others are a test of it. Those with *finer grids* are as [below](#motions-of-other-grids).
 
 *Points without labels* are some 500 in every fifth step, other ones each time, on the part of the surface that a camera
 above a corner of the cube sees, each coordinate with a noise of 2 mm; start velocity, spin and the offset of the
@@ -106,6 +109,7 @@ def estimation_page(folder: Path) -> str:
         "# Estimates",
         INTRODUCTION,
         _summary({name: by_object[name] for name in paper}, truths),
+        *filter(None, [mismatch_section(by_object, truths)]),
         *_coverage(folder),
         *([SEARCHES] if compared_searches(by_object) else []),
         *(_object(name, by_object[name], truths[name]) for name in [*paper, *(n for n in TRUTHS if n in by_object)]),

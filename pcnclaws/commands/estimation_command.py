@@ -3,7 +3,7 @@
 import logging
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from pcnclaws.commands.configuration import (
     use_processor,
 )
 from pcnclaws.commands.estimation_folder import finished_search, search_folder, started_search
+from pcnclaws.commands.estimation_refinement import refined_estimate, refined_problems
 from pcnclaws.commands.estimation_report import (
     Findings,
     leave_estimation_pictures,
@@ -46,9 +47,9 @@ from pcnclaws.estimation.inverse import InverseModule
 from pcnclaws.estimation.inverse_search import fit_inverse
 from pcnclaws.estimation.law_error import known_law_error
 from pcnclaws.estimation.problem import EstimationProblem
+from pcnclaws.estimation.refinement import Stage
 from pcnclaws.estimation.tensorboard_log import log_intervals
 from pcnclaws.estimation.uncertainty import uncertainty
-from pcnclaws.estimation.unknowns import Unknowns
 from pcnclaws.evaluation.report import write_metrics
 from pcnclaws.guards import counts
 from pcnclaws.laws.materials import Material, material_named
@@ -95,26 +96,33 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     unknowns = unknowns_from(config, material, observation)
     laws, law_error = laws_for(config.law, material), known_law_error(law_folder(config.law, material))
     problem = EstimationProblem(laws, observation, unknowns, execution_from(config))
+    finer = refined_problems(config, material, problem)
 
     guess = guess_from(config, material, problem)
     warn_of_sparse_particles([problem.start(guess)])
     module = InverseModule(problem, start_from_guess(config, problem, guess, console), estimator)
     folder = started_search(config, output)
     fit_inverse(module, folder, console)
-    found = uncertainty(module.linearisation(), unknowns, module.u, law_error, noise)
-    fit = fit_of(problem, module.u, found, noise)
+    stages = [Stage(problem, module.u, module.linearisation())]
+    if finer:
+        stages += refined_estimate(finer, stages[0], console)
+    problem, u, at, _ = stages[-1]
+    found = uncertainty(at, problem.unknowns, u, law_error, noise)
+    fit = fit_of(problem, u, found, noise)
     if reckons and (fit.fitted is False or is_pattern(observation, found.residual)):
         fit = replace(fit, discrepancy=discrepancy_of(observation, found.residual))
-        at, reckoned = module.linearisation(), fit.discrepancy
-        found = uncertainty(at, unknowns, module.u, law_error, noise=noise, discrepancy=reckoned)
+        found = uncertainty(at, problem.unknowns, u, law_error, noise=noise, discrepancy=fit.discrepancy)
+    history = [
+        *module.history,
+        *((stage.problem.unknowns.values(stage.u).tolist(), stage.at.mse) for stage in stages[1:]),
+    ]
 
     truth = stored_truth(observation, material.parameter_names)
     title = f"{material.name}, law {config.law}, {observation.name}: {observation.positions} positions"
     findings = Findings(title, unknowns, unknowns.values(guess).tolist(), found=found, fit=fit, truth=truth)
     console.print(result_table(findings))
-    for line in [*verdicts(found, fit), *_outside(config, material, unknowns, module)]:
+    for line in [*verdicts(found, fit), *_outside(config, material, stages[-1])]:
         console.print(line, markup=False)
-    mse = module.linearisation().mse
     values = {
         "material": material.name,
         "law": config.law,
@@ -122,19 +130,19 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
         "estimator": estimator.name,
         **result_values(findings),
         **({} if observation.registration is None else {"registration": dict(observation.registration)}),
-        "mse": mse,
+        "mse": at.mse,
         "iterations": module.iterations,
-        "history": [{"values": list(numbers), "mse": error} for numbers, error in module.history],
+        "history": [{"values": list(numbers), "mse": error} for numbers, error in history],
         "seconds": round(time.monotonic() - started, 1),
         "guards": counts(),
         "provenance": provenance(config.seed) | {"precision": config.precision},
     }
-    for path in _extras(config, output, module, findings):
+    for path in _extras(config, output, stages[-1], findings, history):
         console.print(f"wrote {path}")
     write_metrics(output, values)
     log_intervals(folder, found.estimates, module.iterations, fit.has_intervals)
     shutil.rmtree(folder / "checkpoints", ignore_errors=True)
-    console.print(f"wrote {output}: MSE {mse:.2e} m^2 in {values['seconds']:g} s")
+    console.print(f"wrote {output}: MSE {at.mse:.2e} m^2 in {values['seconds']:g} s")
     return _numbers(values)
 
 
@@ -145,20 +153,23 @@ def _numbers(values: Mapping[str, Any]) -> Mapping[str, float | None]:
     return {**found, "MSE [m^2]": values["mse"], "residual / scatter": residual / scatter if scatter else None}
 
 
-def _outside(config: EstimateConfig, material: Material, unknowns: Unknowns, module: InverseModule) -> list[str]:
+def _outside(config: EstimateConfig, material: Material, last: Stage) -> list[str]:
     """A warning where the estimate lies outside of what the law was trained on: its error is not known there."""
     folder = law_folder(config.law, material)
     if folder is None:
         return []
-    values = zip(unknowns.sought, unknowns.values(module.u).tolist(), strict=True)
+    unknowns = last.problem.unknowns
+    values = zip(unknowns.sought, unknowns.values(last.u).tolist(), strict=True)
     estimates = [{unknown.name: value} for unknown, value in values]
     warning = outside_training_data(load_run(folder).ranges, estimates)
     return [f"law={config.law}: {warning}; the interval knows nothing of the law's error there"] if warning else []
 
 
-def _extras(config: EstimateConfig, output: Path, module: InverseModule, findings: Findings) -> list[Path]:
+def _extras(
+    config: EstimateConfig, output: Path, last: Stage, findings: Findings, history: Sequence[tuple[list[float], float]]
+) -> list[Path]:
     """Pictures and the simulated trajectory, as far as they are asked for."""
-    observation, problem, u = module.problem.observation, module.problem, module.u
+    problem, u, observation = last.problem, last.u, last.problem.observation
     stem = output.with_suffix("") if output.suffix else output
     written = []
     if config.trajectory:
@@ -168,7 +179,7 @@ def _extras(config: EstimateConfig, output: Path, module: InverseModule, finding
     if config.picture:
         sought = tuple(unknown.name for unknown in problem.unknowns.sought)
         findings = replace(findings, truth=stored_truth(observation, sought))
-        written += leave_estimation_pictures(stem, findings, observation, problem.beside(u), module.history)
+        written += leave_estimation_pictures(stem, findings, observation, problem.beside(u), history)
     return written
 
 

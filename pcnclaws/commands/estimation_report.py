@@ -21,7 +21,11 @@ from pcnclaws.rendering.pictures import predicted_beside_true
 from pcnclaws.rendering.search_convergence import Course, convergence
 from pcnclaws.simulation.records import SceneRecord
 
-UNITS = {"velocity": "m/s", "spin": "rad/s", "time_offset": "s", "surface_offset": "m", "walls": "m", "tilt": "deg"}
+UNITS = (
+    {"velocity": "m/s", "spin": "rad/s", "walls": "m", "tilt": "deg"}
+    | dict.fromkeys(("time_offset",), "s")
+    | dict.fromkeys(("surface_offset", "grid_spacing"), "m")
+)
 
 
 # Usual causes of a motion that is not fitted.

@@ -15,11 +15,13 @@ from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.screening import screened_start, stable_start
 from pcnclaws.estimation.start_motion import with_first_motion
 from pcnclaws.estimation.transforms import transform_of
-from pcnclaws.estimation.unknowns import FRICTION, Unknowns, components_of, make_unknowns
+from pcnclaws.estimation.unknowns import FRICTION, GRID_SPACING, Unknowns, components_of, make_unknowns
 from pcnclaws.laws.materials import Material
 from pcnclaws.laws.parameters import PARAMETERS
 
 log = logging.getLogger(__name__)
+
+REFINEMENTS = "accepted: numbers above 1 that increase, such as [1.5,2.5]"
 
 
 def estimator_from(config: EstimateConfig) -> EstimatorSettings:
@@ -70,6 +72,8 @@ def unknowns_from(config: EstimateConfig, material: Material, observation: Obser
         walls=_surrounding(config, "walls"),
         friction=_surrounding(config, "friction", observation),
         gravity=_surrounding(config, "gravity", observation),
+        size=_surrounding(config, "size", observation),
+        grid_spacing=len(refinements_from(config)) > 1,
     )
 
 
@@ -81,7 +85,7 @@ def _surface_offset(word: bool | str, observation: Observation) -> bool:
 
 
 def _surrounding(config: EstimateConfig, name: str, observation: Observation | None = None) -> bool:
-    """Whether `unknown.walls`, `unknown.friction` or `unknown.gravity` is sought."""
+    """Whether `unknown.walls`, `unknown.friction`, `unknown.gravity` or `unknown.size` is sought."""
     option = f"unknown.{name}=true"
     if not getattr(config.unknown, name):
         return False
@@ -94,7 +98,31 @@ def _surrounding(config: EstimateConfig, name: str, observation: Observation | N
         raise UserError(f"{option} is not accepted with boundary '{settings.boundary}'; accepted: separate")
     if name == "gravity" and settings and not any(settings.gravity):
         raise UserError(f"{option} is not accepted without gravity; accepted: simulation.gravity other than 0")
+    if name == "size" and observation and (observation.points is not None or observation.particle.shape[1] == 1):
+        raise UserError(f"{option} needs markers on a body; accepted: scene.shape=cube, ... or scene.mesh=FILE")
     return True
+
+
+def refinements_from(config: EstimateConfig) -> list[float]:
+    """By how much finer grids are than the one of the search; none where the option says nothing."""
+    given, option = config.refinements, f"refinements={config.refinements}"
+    if given is None:
+        return []
+    if not isinstance(given, list) or any(isinstance(x, bool) or not isinstance(x, (int, float)) for x in given):
+        raise UserError(f"{option} is not accepted; {REFINEMENTS}")
+    if any(fine <= coarse for coarse, fine in zip([1.0, *given], given, strict=False)):
+        raise UserError(f"{option} is not accepted; {REFINEMENTS}")
+    if given and config.observation.kind == "points":
+        raise UserError(f"{option} is not accepted with observation.kind=points; accepted: markers")
+    if given and config.estimator.name != "gauss_newton":
+        raise UserError(
+            f"{option} is not accepted with estimator={config.estimator.name}; accepted: estimator=gauss_newton"
+        )
+    if given and config.scene.shape is None and config.scene.mesh is None:
+        raise UserError(
+            f"{option} is not accepted with the particles of a file; accepted: scene.shape=cube, ... or scene.mesh=FILE"
+        )
+    return [float(x) for x in given]
 
 
 def discrepancy_asked(config: EstimateConfig) -> bool:
@@ -120,6 +148,7 @@ def guess_from(config: EstimateConfig, material: Material, problem: EstimationPr
     sought = problem.unknowns.sought
     rubbing = problem.observation.settings.friction
     inside |= {unknown.name: unknown.transform.inside(rubbing) for unknown in sought if unknown.name == FRICTION}
+    inside[GRID_SPACING] = problem.observation.settings.grid_spacing
     values = np.array([inside.get(unknown.name, 0.0) for unknown in sought])
     if problem.observation.initial_velocity is None:
         values = with_first_motion(problem.observation, problem.unknowns, values)

@@ -117,6 +117,7 @@ class EstimateConfig(SimulatingCommand):
     vary: str
     unknown: UnknownMotion
     discrepancy: bool
+    refinements: Unchecked
     screening: int
     overwrite: bool
     picture: bool

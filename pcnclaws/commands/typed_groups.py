@@ -221,6 +221,7 @@ class UnknownMotion:
     walls: bool
     friction: bool
     gravity: bool
+    size: bool
 
 
 @dataclass(frozen=True)

@@ -130,7 +130,7 @@ class EstimationProblem:
         plan = self._interpolation(values)
         friction = friction_of(self.unknowns, values, self.observation.settings)
         found = self._positions(self._scene.differentiable(values, free), plan, friction)
-        motion = self._displaced(self._at_frames(found[:, :, None, :], plan), [values])[:, :, 0]
+        motion = self._displaced(self._at_frames(found[:, :, None, :], plan, [values]), [values])[:, :, 0]
         for k in self.unknowns.index(SURFACE_OFFSET):
             motion = motion + (free[k] - values[k]).to(self.dtype) * rates_of_offset(motion)
         return self._assigned(motion, values).residual(motion).square().mean()
@@ -140,6 +140,15 @@ class EstimationProblem:
         with torch.no_grad():
             found = self._observed([self.unknowns.values(u)], [None])
         return vectors_last(found[:, :, 0])
+
+    def residual(self, u: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " rows"]:
+        """The residual of linearise alone [m]; infinite where the simulation is unstable."""
+        if self.instability(u) > 1.0:
+            return np.full(self.comparison.rows, np.inf)
+        values = self.unknowns.values(u)
+        with torch.no_grad():
+            motion = self._observed([values], [None])[:, :, 0]
+        return self._assigned(motion, values).residual(motion).double().numpy()
 
     def beside(self, u: Float[np.ndarray, " unknowns"]) -> tuple[np.ndarray, np.ndarray]:
         """What was observed, and where the simulation puts it [m], each (frames, positions, 3)."""
@@ -164,9 +173,9 @@ class EstimationProblem:
             observation.material,
             self._settings(values),
             {name: float(one[0]) for name, one in parameters.items() if np.ptp(one) == 0.0},
-            position=observation.position - displacement(self.unknowns, values),
+            position=vectors_last(self._scene.position(values).double()),
             velocity=vectors_last(self._scene.velocity(values).double()),
-            volume=observation.volume,
+            volume=self._scene.volume(values).double().numpy(),
             affine=matrices_last(self._scene.affine(values).double()),
             density=observation.density,
             varying={name: one for name, one in parameters.items() if np.ptp(one) > 0.0},
@@ -225,7 +234,7 @@ class EstimationProblem:
     def _observed(self, values: Sequence[np.ndarray], carried: Sequence[Carried]) -> Tensor:
         """Markers at the frames, (frames, 3, copies, markers), of the batch that _simulated describes."""
         plan = self._interpolation(values[0])
-        return self._displaced(self._at_frames(self._simulated(values, carried, plan), plan), values)
+        return self._displaced(self._at_frames(self._simulated(values, carried, plan), plan, values), values)
 
     def _displaced(self, motion: Tensor, values: Sequence[np.ndarray]) -> Tensor:
         """Markers on the grid, (frames, 3, copies, markers), as they are where the walls are displaced."""
@@ -253,17 +262,17 @@ class EstimationProblem:
             simulator = simulator_of(self.laws, settings, self.execution.skips).to(dtype=self.dtype)
         return positions_at(simulator, batch, plan.steps, skips=self.execution.skips)
 
-    def _at_frames(self, found: Tensor, plan: _Interpolation) -> Tensor:
+    def _at_frames(self, found: Tensor, plan: _Interpolation, values: Sequence[np.ndarray]) -> Tensor:
         """Positions of particles at steps, (steps, 3, copies, particles), as those of markers at frames."""
-        markers = self._markers(found)
+        markers = self._markers(found, values)
         share = self._scene.tensor(plan.share)[:, None, None, None]
         return markers[plan.before] * (1.0 - share) + markers[plan.after] * share
 
-    def _markers(self, found: Tensor) -> Tensor:
+    def _markers(self, found: Tensor, values: Sequence[np.ndarray]) -> Tensor:
         """Positions of particles as those of the markers that follow them."""
         if self._particle.shape[1] == 1:
             return found[..., self._particle[:, 0]]
-        return (found[..., self._particle] * self._weight).sum(-1)
+        return (found[..., self._particle] * self._scene.weights(values)).sum(-1)
 
     def _interpolation(self, values: np.ndarray) -> _Interpolation:
         offset = sum(values[k] for k in self.unknowns.index(TIME_OFFSET))
@@ -282,7 +291,7 @@ class EstimationProblem:
         """Velocity of the markers at the frames [m/s], (frames, 3, markers)."""
         plan = self._interpolation(values)
         with torch.no_grad():
-            markers = self._markers(self._simulated([values], [None], plan))
+            markers = self._markers(self._simulated([values], [None], plan), [values])
         return (markers[plan.after] - markers[plan.before])[:, :, 0] / self.observation.settings.time_step
 
     def _assigned(self, motion: Tensor, values: np.ndarray) -> Assignment:

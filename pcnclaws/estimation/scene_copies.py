@@ -10,8 +10,9 @@ from torch import Tensor
 from torch.autograd import forward_ad
 
 from pcnclaws.data.observation import Observation
-from pcnclaws.estimation.surroundings import displacement, gravity_of
-from pcnclaws.estimation.unknowns import Unknowns
+from pcnclaws.estimation.marker_weights import weights_of_growth
+from pcnclaws.estimation.surroundings import displacement, gravity_of, size_of
+from pcnclaws.estimation.unknowns import SIZE, Unknowns
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.tensors.layout import matrices_first, vectors_first
@@ -23,13 +24,16 @@ Carried: TypeAlias = tuple[int, float] | None
 class SceneCopies:
     """The body of an observation, and what the unknowns make of its start.
 
-    Walls that are displaced are a body that is displaced the other way: grid and walls stay where they are.
+    Walls that are displaced are a body that is displaced the other way: grid and walls stay where they are. A body of
+    another size is stretched about its centre; the markers keep their places.
     """
 
     def __init__(self, observation: Observation, unknowns: Unknowns, dtype: torch.dtype) -> None:
         self.observation, self.unknowns, self.dtype = observation, unknowns, dtype
         self._position = self.tensor(vectors_first(observation.position))
         self._volume = self.tensor(observation.volume)
+        self._weight = self.tensor(observation.weight)
+        self._of_growth = self.tensor(weights_of_growth(observation)) if unknowns.index(SIZE) else None
         self._density = None if observation.density is None else self.tensor(observation.density)
         self._rigid = {k: vectors_first(self._rigid_motion(k)) for k in unknowns.motion}
         self._gradient = {k: self._rigid_gradient(k) for k in unknowns.motion if observation.spins_have_gradient}
@@ -56,7 +60,8 @@ class SceneCopies:
             k, slope = carry
             unknown, where = self.unknowns.sought[k], slice(copy * particles, (copy + 1) * particles)
             if unknown.is_motion:
-                velocity_rate[:, where] = slope * self._rigid[k]
+                far = size_of(self.unknowns, values[copy]) if unknown.name.startswith("spin") else 1.0
+                velocity_rate[:, where] = slope * far * self._rigid[k]
                 moving.add("velocity")
                 if k in self._gradient:
                     affine_rate[:, :, where] = slope * self._gradient[k]
@@ -94,16 +99,33 @@ class SceneCopies:
 
     def position(self, values: np.ndarray) -> Float[Tensor, "3 particles"]:
         """Of the particles at the start [m], on the grid."""
-        away = displacement(self.unknowns, values)
-        return self._position - self.tensor(away)[:, None] if away.any() else self._position
+        away, size, position = displacement(self.unknowns, values), size_of(self.unknowns, values), self._position
+        if size != 1.0:
+            centre = position.mean(1, keepdim=True)
+            position = centre + size * (position - centre)
+        return position - self.tensor(away)[:, None] if away.any() else position
+
+    def volume(self, values: np.ndarray) -> Float[Tensor, " particles"]:
+        """Of the particles at the start [m^3]."""
+        return size_of(self.unknowns, values) ** 3 * self._volume
+
+    def weights(self, values: Sequence[np.ndarray]) -> Float[Tensor, "copies markers followed"]:
+        """Of the particles that each marker follows [-]: others on a body of another size."""
+        weight = self._weight.expand(len(values), -1, -1)
+        if self._of_growth is None:
+            return weight
+        growth = self.tensor(np.array([1.0 / size_of(self.unknowns, one) - 1.0 for one in values]))
+        return weight + growth[:, None, None] * self._of_growth
 
     def velocity(self, values: np.ndarray) -> Float[Tensor, "3 particles"]:
         """Of the particles at the start [m/s]."""
         known = self.observation.initial_velocity
         start = np.zeros_like(self.observation.position) if known is None else known
         velocity = vectors_first(start.astype(np.float64))
+        size = size_of(self.unknowns, values)
         for k in self.unknowns.motion:
-            velocity = velocity + values[k] * self._rigid[k]
+            far = size if self.unknowns.sought[k].name.startswith("spin") else 1.0
+            velocity = velocity + far * values[k] * self._rigid[k]
         return self.tensor(velocity)
 
     def affine(self, values: np.ndarray) -> Float[Tensor, "3 3 particles"]:
@@ -121,7 +143,7 @@ class SceneCopies:
     def _scenes(self, values: Sequence[np.ndarray]) -> Scenes:
         settings, copies = self.observation.settings, len(values)
         index = torch.arange(copies).repeat_interleave(self.particles)
-        volume = self._volume.repeat(copies)
+        volume = torch.cat([self.volume(one) for one in values])
         along = np.array([gravity_of(self.unknowns, one, settings.gravity) for one in values]).T
         density = settings.density if self._density is None else self._density.repeat(copies)
         return Scenes(index, density * volume, volume, self.tensor(along))

@@ -1,4 +1,4 @@
-"""Unknowns of what stands around a body: where its walls are, how they rub, which way gravity points.
+"""Unknowns of what stands around a body: where its walls are, how they rub, which way gravity points; and its size.
 
 Each moves the scene as a whole; its derivative is the central difference of two rollouts.
 """
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
-from pcnclaws.estimation.unknowns import FRICTION, TILTS, WALL_SCALE, WALLS, Unknowns
+from pcnclaws.estimation.unknowns import FRICTION, SIZE, TILTS, WALL_SCALE, WALLS, Unknowns
 from pcnclaws.mpm.settings import SimulationSettings
 
 # Central differences go so far to either side, in coordinates: far above rounding, far below what bends the motion.
@@ -34,6 +34,11 @@ def displacement(unknowns: Unknowns, values: np.ndarray) -> Float[np.ndarray, " 
         for k in unknowns.index(name):
             away[axis] = values[k]
     return away
+
+
+def size_of(unknowns: Unknowns, values: np.ndarray) -> float:
+    """Of the body, over the size that is given [-]."""
+    return 1.0 + sum(float(values[k]) for k in unknowns.index(SIZE))
 
 
 def gravity_of(unknowns: Unknowns, values: np.ndarray, gravity: Sequence[float]) -> Float[np.ndarray, " 3"]:

@@ -25,14 +25,18 @@ VELOCITY_SCALE, SPIN_SCALE, OFFSET_SCALE, SURFACE_SCALE = 1.0, 4.0, 1e-2, 1e-2
 MOTION = ("velocity_x", "velocity_y", "velocity_z", "spin_x", "spin_y", "spin_z")
 TIME_OFFSET = "time_offset"
 SURFACE_OFFSET = "surface_offset"
-# Displacement of walls and colliders along the axes [m], friction of the walls [-], turns of gravity [deg].
+# Displacement of walls and colliders along the axes [m], friction of the walls [-], turns of gravity [deg], by how much
+# the body is larger than given [-].
 WALLS = ("walls_x", "walls_y", "walls_z")
 FRICTION = "wall_friction"
 TILTS = ("tilt_1", "tilt_2")
-SURROUNDINGS = (*WALLS, FRICTION, *TILTS)
-WALL_SCALE, TILT_SCALE = 1e-2, 1.0
+SIZE = "size"
+SURROUNDINGS = (*WALLS, FRICTION, *TILTS, SIZE)
+# The spacing of the grid that the motion is most like [m]; it is sought by estimation/refinement.py alone.
+GRID_SPACING = "grid_spacing"
+WALL_SCALE, TILT_SCALE, SIZE_SCALE, GRID_SCALE = 1e-2, 1.0, 0.05, 1e-2
 # An interval that is as wide as this tells nothing of them.
-WIDEST_SURROUNDINGS = dict.fromkeys(WALLS, 0.05) | {FRICTION: 0.5} | dict.fromkeys(TILTS, 20.0)
+WIDEST_SURROUNDINGS = dict.fromkeys(WALLS, 0.05) | {FRICTION: 0.5} | dict.fromkeys(TILTS, 20.0) | {SIZE: 0.3}
 # Friction of walls is sought between these [-].
 LEAST_FRICTION, MOST_FRICTION, LONGEST_FRICTION = 0.0, 2.0, 0.3
 
@@ -53,8 +57,9 @@ class Component:
 class Unknown:
     """One number that is sought.
 
-    name       youngs_modulus, ...; velocity_x, ..., spin_z; time_offset, surface_offset; one of SURROUNDINGS
-    component  the part of the scene that it belongs to, None for the clock, the surface and the surroundings
+    name       youngs_modulus, ...; velocity_x, ..., spin_z; time_offset, surface_offset, grid_spacing, or one of
+               SURROUNDINGS
+    component  the part of the scene that it belongs to, None for the clock, the surface, the grid and the surroundings
     """
 
     name: str
@@ -142,7 +147,7 @@ class Unknowns:
 
     @property
     def surroundings(self) -> list[int]:
-        """Numbers of what stands around the body."""
+        """Numbers of what stands around the body, and of its size."""
         return [k for k, unknown in enumerate(self.sought) if unknown.name in SURROUNDINGS]
 
     @property
@@ -163,6 +168,8 @@ def make_unknowns(
     walls: bool = False,
     friction: bool = False,
     gravity: bool = False,
+    size: bool = False,
+    grid_spacing: bool = False,
 ) -> Unknowns:
     """The unknowns of a scene.
 
@@ -176,6 +183,8 @@ def make_unknowns(
     walls           whether it is sought where walls and colliders are
     friction        whether the friction of the walls is sought
     gravity         whether it is sought which way gravity points
+    size            whether the size of the body is sought
+    grid_spacing    whether the spacing of the grid that the motion is most like is
     raises          UserError where nothing is left to estimate
     """
     for name in fixed:
@@ -196,6 +205,10 @@ def make_unknowns(
     if friction:
         sought.append(Unknown(FRICTION, None, Transform(LEAST_FRICTION, MOST_FRICTION, LONGEST_FRICTION)))
     sought += [Unknown(name, None, Free(TILT_SCALE)) for name in TILTS if gravity]
+    if size:
+        sought.append(Unknown(SIZE, None, Free(SIZE_SCALE)))
+    if grid_spacing:
+        sought.append(Unknown(GRID_SPACING, None, Free(GRID_SCALE)))
     particles = len(components[0].share)
     return Unknowns(tuple(sought), {name: np.full(particles, value) for name, value in fixed.items()})
 

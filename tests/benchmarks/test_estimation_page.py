@@ -84,3 +84,22 @@ def test_the_coverage_of_random_objects_is_counted(tmp_path: Path) -> None:
 def test_a_folder_without_results_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="holds no results"):
         estimation_page(tmp_path)
+
+
+def test_motions_of_other_grids_are_held_against_what_is_asked_for(tmp_path: Path) -> None:
+    folder = tmp_path / "elasticity_1"
+    folder.mkdir()
+    (folder / "markers.json").write_text(document(1.8e5, (1.79e5, 1.81e5)))
+    refined = json.loads(document(1.782e5, (1.75e5, 1.79e5)))
+    refined["motion"] = {"grid_spacing": {"estimate": 0.0248}, "size": {"estimate": 0.051}}
+    (folder / "refined.json").write_text(json.dumps(refined))
+    refined["parameters"]["youngs_modulus"] |= {"estimate": 2e5, "interval_95": [1.6e5, 2.4e5]}
+    (folder / "refined_third.json").write_text(json.dumps(refined))
+    page = estimation_page(tmp_path)
+    for line in (
+        "| half the spacing, finer grids | 1 | 2 of 2 | 1 of 2 | 0 | 2 of 2 |",
+        "| a third, finer grids | 1 | 1 of 2 | 2 of 2 | 0 | 1 of 2 |",
+        "| half the spacing, finer grids | **-1.0 %, 2.0 times** | -0.002, 1.0 times |  | 2.48 of 2.50 | +5.1 % | 12 |",
+        "| a third, finer grids | (+11.1 %), 40.0 times | -0.002, 1.0 times |  | 2.48 of 1.67 | +5.1 % | 12 |",
+    ):
+        assert line in page
