@@ -17,7 +17,9 @@ from pcnclaws.laws.registry import register
 from pcnclaws.training.trainer import quiet_lightning
 
 # For elastic materials and for those that flow.
-MODELS = {False: ("pcnclaws", "pcnclaws_energy"), True: ("pcnclaws", "pcnclaws_free_flow")}
+MODELS = {False: ("pcnclaws", "pcnclaws_energy"), True: ("pcnclaws", "pcnclaws_free_flow", "pcnclaws_convex")}
+# Those that Levenberg-Marquardt finds, from positions alone; Adam the others.
+LEAST_SQUARES = ("pcnclaws_convex",)
 
 
 def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]:
@@ -30,6 +32,7 @@ def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]
     materials = [FOREIGN[name] for name in names(options, "materials", FOREIGN)]
     models = names(options, "models", {name: None for some in MODELS.values() for name in some})
     alone, iterations = bool(options["positions_only"]), whole(options, "iterations")
+    steps = whole(options, "iterations_of_least_squares")
     orders = [
         (material, model) for material in materials for model in MODELS[material.plastic is not None] if model in models
     ]
@@ -49,7 +52,9 @@ def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]
                 seen = {name: positions_alone(motions[name]) for name in ("train", "validation")} if alone else {}
                 known[material.name] = motions | seen
             began = time.monotonic()
-            found = trained(material, known[material.name], Recipe(model, positions_only=alone), iterations, context)
+            least = model in LEAST_SQUARES
+            recipe = Recipe(model, positions_only=alone or least, least_squares=least)
+            found = trained(material, known[material.name], recipe, steps if least else iterations, context)
             return {"unseen": found.mean, "scenes": found.errors, "seconds": time.monotonic() - began}
 
         row = done.row(f"{material.name}, {model}", made)

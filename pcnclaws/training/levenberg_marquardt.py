@@ -1,0 +1,115 @@
+"""Levenberg-Marquardt for the amounts of a plastic law, from whole motions: a few steps instead of many of Adam."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import cast
+
+import torch
+from torch import Tensor
+
+from pcnclaws.data.dataset import SegmentBatch
+from pcnclaws.errors import SimulationDiverged, UserError
+from pcnclaws.laws.analytic import Laws
+from pcnclaws.laws.networks import ConditionedAmounts
+from pcnclaws.simulation.rollout import differentiable_rollout
+from pcnclaws.simulation.simulator import Simulator
+from pcnclaws.training.gauss_newton import ROUNDING, GaussNewtonModule
+from pcnclaws.training.losses import position_loss
+
+# How far a step goes at most in any weight; damping at the start, and what each failed or good step makes of it.
+FARTHEST, FIRST_DAMPING, FAILED, GOOD, LEAST_DAMPING = 0.1, 1e-2, 8.0, 0.1, 1e-6
+# Steps that are tried from one linearisation; beyond the last one the iteration leaves the weights as they are.
+TRIALS = 4
+# What keeps amounts that no segment shows: a share of the mean of the diagonal, and of the unit.
+SHARE_OF_MEAN, RIDGE = 1e-3, 1e-6
+
+
+class LevenbergMarquardtModule(GaussNewtonModule):
+    """Damped least squares of the plastic law's amounts, each step from its own batch.
+
+        (A + d (diag A + SHARE_OF_MEAN mean(diag A)) + RIDGE I) dw = - sum_s f_s J_s^T r_s,   A = sum_s f_s J_s^T J_s
+
+    with residuals r_s and derivatives J_s as in GaussNewtonModule, and f_s = 1/sqrt(|r_s|^2 + ROUNDING). A step is
+    taken if it lowers the sum of sqrt(|r_s|^2 + ROUNDING), whose gradient has these factors: with squares a segment
+    that is crushed decides alone, with logarithms one that fits already lets no other move. Otherwise the damping d
+    grows. No weight moves further than FARTHEST. The elastic law stays what it was.
+
+    source  Marquardt 1963, "An algorithm for least-squares estimation of nonlinear parameters"
+    """
+
+    damping: Tensor
+
+    def __init__(self, laws: Laws, *arguments: object, **options: object) -> None:
+        super().__init__(laws, *arguments, **options)
+        self.register_buffer("damping", torch.tensor(FIRST_DAMPING, dtype=torch.float64))
+
+    @staticmethod
+    def check(laws: Laws) -> None:
+        if not isinstance(getattr(laws.plasticity, "amounts", None), ConditionedAmounts):
+            raise UserError(
+                "training.method=levenberg_marquardt needs a plastic law with amounts; accepted: model=pcnclaws_convex "
+                "with a material that flows, or training.method=adam"
+            )
+
+    @property
+    def _amounts(self) -> ConditionedAmounts:
+        return cast(ConditionedAmounts, getattr(self.laws.plasticity, "amounts"))  # noqa: B009
+
+    def training_step(self, batch: SegmentBatch, batch_idx: int) -> Tensor:
+        """A loss whose gradient is the step, backwards, as in GaussNewtonModule."""
+        weight = self._amounts.weight
+        predicted, derivatives = self._linearised(batch)
+        self.log("loss", position_loss(predicted, batch.target), batch_size=1)
+        self.log("segment_length", float(batch.steps), batch_size=1)
+        residual, derivatives = self._relative(batch, predicted, derivatives)
+        information, gradient = self._normal_equations(batch, residual, derivatives)
+        if not bool(torch.isfinite(gradient).all() & torch.isfinite(information).all()):
+            return torch.nan * weight.sum()  # a diverged segment: the iteration is skipped
+        now, error = weight.detach().clone(), self._misfit(batch, residual)
+        step = torch.zeros_like(now)
+        for _ in range(TRIALS):
+            tried = self._damped_step(information, gradient).view_as(now)
+            if self._misfit_at(batch, now + tried) < error:
+                self.damping = (GOOD * self.damping).clamp_min(LEAST_DAMPING)
+                step = tried
+                break
+            self.damping = FAILED * self.damping
+        return -(step * weight).sum()
+
+    def _damped_step(self, information: Tensor, gradient: Tensor) -> Tensor:
+        """The step, which moves no weight too far: some have far to go, and must not hold up all others."""
+        diagonal = information.diagonal()
+        held = self.damping * (diagonal + SHARE_OF_MEAN * diagonal.mean()) + RIDGE
+        return torch.linalg.solve(information + torch.diag(held), -gradient).clamp(-FARTHEST, FARTHEST)
+
+    def _misfit_at(self, batch: SegmentBatch, weights: Tensor) -> float:
+        """The misfit with other weights, infinite where the motion diverges."""
+        weight = self._amounts.weight
+        before = weight.detach().clone()
+        simulator = cast(Simulator, self.simulators[batch.group]).starting_at(batch.start_time)
+        try:
+            with torch.no_grad():
+                weight.copy_(weights)
+                predicted = differentiable_rollout(simulator, batch.start, batch.steps, batch.every, recompute=False)
+                found = self._misfit(batch, self._relative(batch, predicted, predicted[None])[0])
+            return found if found == found else float("inf")
+        except SimulationDiverged:
+            return float("inf")
+        finally:
+            with torch.no_grad():
+                weight.copy_(before)
+
+    def _misfit(self, batch: SegmentBatch, residual: Tensor) -> float:
+        """sum_s sqrt(|r_s|^2 + ROUNDING)."""
+        scenes = batch.start.scenes
+        squared = residual.new_zeros(scenes.scene_count).index_add(0, scenes.scene_index, residual.square().sum((0, 1)))
+        return float((squared + ROUNDING).sqrt().sum())
+
+    @staticmethod
+    def _factor(squared: Tensor) -> Tensor:
+        return (squared + ROUNDING).rsqrt()
+
+    @contextmanager
+    def _unbounded(self) -> Iterator[None]:
+        """Nothing: what bounds the plastic amounts is smooth."""
+        yield
