@@ -34,7 +34,7 @@ EVERY, KEYFRAME_EVERY = 5, 20
 # As in conf/training/short.yaml and initial.yaml.
 SHORT = {"segments": 8, "first": 5, "last": 5}
 # As in conf/training/levenberg_marquardt.yaml.
-LEAST_SQUARES = {"segments": 12, "start": "initial", "first": 150, "last": 400}
+LEAST_SQUARES = {"segments": 12, "start": "initial", "first": 150, "last": 300}
 INITIAL = {"segments": 2, "start": "initial", "first": 150, "last": 400}
 
 Motions = dict[str, list[SceneRecord]]

@@ -16,23 +16,28 @@ from pcnclaws.simulation.simulator import Simulator
 from pcnclaws.training.gauss_newton import ROUNDING, GaussNewtonModule
 from pcnclaws.training.losses import position_loss
 
-# How far a step goes at most in any weight; damping at the start, and what each failed or good step makes of it.
-FARTHEST, FIRST_DAMPING, FAILED, GOOD, LEAST_DAMPING = 0.1, 1e-2, 8.0, 0.1, 1e-6
+# How far a step goes at most in any weight; damping at the start, and the least one.
+FARTHEST, FIRST_DAMPING, LEAST_DAMPING = 0.1, 1e-2, 1e-5
+# What a step makes of the damping that leaves so much of the misfit, at most; one that leaves more has gone too far.
+GOOD, FAIR, FAILED = (0.3, 0.1), (0.7, 1.0), 8.0
 # Steps that are tried from one linearisation; beyond the last one the iteration leaves the weights as they are.
 TRIALS = 4
+# Of an amount, for derivatives.
+DIFFERENCE = 1e-7
 # What keeps amounts that no segment shows: a share of the mean of the diagonal, and of the unit.
-SHARE_OF_MEAN, RIDGE = 1e-3, 1e-6
+SHARE_OF_MEAN, RIDGE = 1e-3, 3e-3
 
 
 class LevenbergMarquardtModule(GaussNewtonModule):
     """Damped least squares of the plastic law's amounts, each step from its own batch.
 
-        (A + d (diag A + SHARE_OF_MEAN mean(diag A)) + RIDGE I) dw = - sum_s f_s J_s^T r_s,   A = sum_s f_s J_s^T J_s
+        (A + d (diag A + SHARE_OF_MEAN mean(diag A)) + RIDGE I) dw = - g - RIDGE w
+        A = sum_s f_s J_s^T J_s,   g = sum_s f_s J_s^T r_s
 
     with residuals r_s and derivatives J_s as in GaussNewtonModule, and f_s = 1/sqrt(|r_s|^2 + ROUNDING). A step is
-    taken if it lowers the sum of sqrt(|r_s|^2 + ROUNDING), whose gradient has these factors: with squares a segment
-    that is crushed decides alone, with logarithms one that fits already lets no other move. Otherwise the damping d
-    grows. No weight moves further than FARTHEST. The elastic law stays what it was.
+    taken if it lowers sum_s sqrt(|r_s|^2 + ROUNDING) + RIDGE |w|^2/2, whose gradient has these factors: with squares a
+    segment that is crushed decides alone, with logarithms one that fits already lets no other move. Otherwise the
+    damping d grows. No weight moves further than FARTHEST. The elastic law stays what it was.
 
     source  Marquardt 1963, "An algorithm for least-squares estimation of nonlinear parameters"
     """
@@ -65,16 +70,42 @@ class LevenbergMarquardtModule(GaussNewtonModule):
         information, gradient = self._normal_equations(batch, residual, derivatives)
         if not bool(torch.isfinite(gradient).all() & torch.isfinite(information).all()):
             return torch.nan * weight.sum()  # a diverged segment: the iteration is skipped
-        now, error = weight.detach().clone(), self._misfit(batch, residual)
+        now = weight.detach().clone()
+        error, gradient = self._misfit(batch, residual, now), gradient + RIDGE * now.flatten()
         step = torch.zeros_like(now)
         for _ in range(TRIALS):
             tried = self._damped_step(information, gradient).view_as(now)
-            if self._misfit_at(batch, now + tried) < error:
-                self.damping = (GOOD * self.damping).clamp_min(LEAST_DAMPING)
+            left = self._misfit_at(batch, now + tried) / error
+            self.damping = (self.damping * _change_of_damping(left)).clamp_min(LEAST_DAMPING)
+            if left < 1.0:
                 step = tried
                 break
-            self.damping = FAILED * self.damping
         return -(step * weight).sum()
+
+    def _linearised(self, batch: SegmentBatch) -> tuple[Tensor, Tensor]:
+        """Positions, and their derivatives by the amounts, as differences: in double precision they have digits enough,
+        and cost two fifths of tangents."""
+        weight = self._amounts.weight
+        now = weight.detach().clone()
+        here, columns = self._rollout(batch, now), []
+        for k in range(len(now)):
+            beside = now.clone()
+            beside[k, 0] += DIFFERENCE
+            columns.append((self._rollout(batch, beside) - here) / DIFFERENCE)
+        return here, torch.stack(columns)
+
+    def _rollout(self, batch: SegmentBatch, weights: Tensor) -> Tensor:
+        """Positions with other weights, which are put back afterwards."""
+        weight = self._amounts.weight
+        before = weight.detach().clone()
+        simulator = cast(Simulator, self.simulators[batch.group]).starting_at(batch.start_time)
+        try:
+            with torch.no_grad():
+                weight.copy_(weights)
+                return differentiable_rollout(simulator, batch.start, batch.steps, batch.every, recompute=False)
+        finally:
+            with torch.no_grad():
+                weight.copy_(before)
 
     def _damped_step(self, information: Tensor, gradient: Tensor) -> Tensor:
         """The step, which moves no weight too far: some have far to go, and must not hold up all others."""
@@ -84,26 +115,18 @@ class LevenbergMarquardtModule(GaussNewtonModule):
 
     def _misfit_at(self, batch: SegmentBatch, weights: Tensor) -> float:
         """The misfit with other weights, infinite where the motion diverges."""
-        weight = self._amounts.weight
-        before = weight.detach().clone()
-        simulator = cast(Simulator, self.simulators[batch.group]).starting_at(batch.start_time)
         try:
-            with torch.no_grad():
-                weight.copy_(weights)
-                predicted = differentiable_rollout(simulator, batch.start, batch.steps, batch.every, recompute=False)
-                found = self._misfit(batch, self._relative(batch, predicted, predicted[None])[0])
-            return found if found == found else float("inf")
+            predicted = self._rollout(batch, weights)
         except SimulationDiverged:
             return float("inf")
-        finally:
-            with torch.no_grad():
-                weight.copy_(before)
+        found = self._misfit(batch, self._relative(batch, predicted, predicted[None])[0], weights)
+        return found if found == found else float("inf")
 
-    def _misfit(self, batch: SegmentBatch, residual: Tensor) -> float:
-        """sum_s sqrt(|r_s|^2 + ROUNDING)."""
+    def _misfit(self, batch: SegmentBatch, residual: Tensor, weights: Tensor) -> float:
+        """sum_s sqrt(|r_s|^2 + ROUNDING) + RIDGE |w|^2/2."""
         scenes = batch.start.scenes
         squared = residual.new_zeros(scenes.scene_count).index_add(0, scenes.scene_index, residual.square().sum((0, 1)))
-        return float((squared + ROUNDING).sqrt().sum())
+        return float((squared + ROUNDING).sqrt().sum() + 0.5 * RIDGE * weights.square().sum())
 
     @staticmethod
     def _factor(squared: Tensor) -> Tensor:
@@ -113,3 +136,7 @@ class LevenbergMarquardtModule(GaussNewtonModule):
     def _unbounded(self) -> Iterator[None]:
         """Nothing: what bounds the plastic amounts is smooth."""
         yield
+
+
+def _change_of_damping(left: float) -> float:
+    return next((factor for most, factor in (GOOD, FAIR) if left <= most), FAILED)

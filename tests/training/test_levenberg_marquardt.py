@@ -85,7 +85,7 @@ def test_a_step_that_would_lead_away_is_not_taken(records: list[SceneRecord]) ->
     batch, before = data.dataset[0], module._amounts.weight.detach().clone()
     predicted, derivatives = module._linearised(batch)
     residual, _ = module._relative(batch, predicted, derivatives)
-    here = module._misfit(batch, residual)
+    here = module._misfit(batch, residual, before)
     assert module._misfit_at(batch, before) == pytest.approx(here, abs=1e-6)
     assert module._misfit_at(batch, before + 1e3) > here
     assert torch.equal(module._amounts.weight, before)
