@@ -1,5 +1,6 @@
 """Levenberg-Marquardt for the amounts of a plastic law, from whole motions: a few steps instead of many of Adam."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import cast
@@ -18,10 +19,10 @@ from pcnclaws.training.losses import position_loss
 
 # How far a step goes at most in any weight; damping at the start, and the least one.
 FARTHEST, FIRST_DAMPING, LEAST_DAMPING = 0.1, 1e-2, 1e-5
-# What a step makes of the damping that leaves so much of the misfit, at most; one that leaves more has gone too far.
-GOOD, FAIR, FAILED = (0.3, 0.1), (0.7, 1.0), 8.0
-# Steps that are tried from one linearisation; beyond the last one the iteration leaves the weights as they are.
-TRIALS = 4
+# What a step makes of the damping that leaves so much of the misfit, at most; one that adds to it has gone too far.
+GOOD, FAIR, FAILED = (0.5, 0.2), (1.0, 1.0), 8.0
+# Steps that are tried from one linearisation.
+STEPS = 8
 # Of an amount, for derivatives.
 DIFFERENCE = 1e-7
 # What keeps amounts that no segment shows: a share of the mean of the diagonal, and of the unit.
@@ -61,26 +62,41 @@ class LevenbergMarquardtModule(GaussNewtonModule):
         return cast(ConditionedAmounts, getattr(self.laws.plasticity, "amounts"))  # noqa: B009
 
     def training_step(self, batch: SegmentBatch, batch_idx: int) -> Tensor:
-        """A loss whose gradient is the step, backwards, as in GaussNewtonModule."""
+        """A loss whose gradient is the way to the new weights, backwards, as in GaussNewtonModule."""
         weight = self._amounts.weight
         predicted, derivatives = self._linearised(batch)
         self.log("loss", position_loss(predicted, batch.target), batch_size=1)
         self.log("segment_length", float(batch.steps), batch_size=1)
         residual, derivatives = self._relative(batch, predicted, derivatives)
-        information, gradient = self._normal_equations(batch, residual, derivatives)
-        if not bool(torch.isfinite(gradient).all() & torch.isfinite(information).all()):
+        if not bool(torch.isfinite(residual).all() & torch.isfinite(derivatives).all()):
             return torch.nan * weight.sum()  # a diverged segment: the iteration is skipped
         now = weight.detach().clone()
-        error, gradient = self._misfit(batch, residual, now), gradient + RIDGE * now.flatten()
-        step = torch.zeros_like(now)
-        for _ in range(TRIALS):
-            tried = self._damped_step(information, gradient).view_as(now)
-            left = self._misfit_at(batch, now + tried) / error
+        return ((now - self._best(batch, now, residual, derivatives)) * weight).sum()
+
+    def _best(self, batch: SegmentBatch, now: Tensor, residual: Tensor, derivatives: Tensor) -> Tensor:
+        """The weights after some steps from one linearisation, which each step corrects."""
+        error = self._misfit(batch, residual, now)
+        self.damping = self.damping.clamp_max(FIRST_DAMPING)
+        for _ in range(STEPS):
+            information, gradient = self._normal_equations(batch, residual, derivatives)
+            step = self._damped_step(information, gradient + RIDGE * now.flatten()).view_as(now)
+            there = self._residual_at(batch, now + step)
+            left = self._misfit(batch, there, now + step) / error
             self.damping = (self.damping * _change_of_damping(left)).clamp_min(LEAST_DAMPING)
+            if bool(torch.isfinite(there).all()):
+                self._correct(batch, derivatives, step, there - residual)
             if left < 1.0:
-                step = tried
-                break
-        return -(step * weight).sum()
+                now, residual, error = now + step, there, left * error
+        return now
+
+    def _correct(self, batch: SegmentBatch, derivatives: Tensor, step: Tensor, change: Tensor) -> None:
+        """Broyden's update, in place: derivatives of each segment that say what the step has changed there.
+
+        source  Broyden 1965, "A class of methods for solving nonlinear simultaneous equations"
+        """
+        of_amounts = (step @ self._amounts.features(batch.start.parameters).to(step))[:, None, None]
+        missed = change - (of_amounts * derivatives).sum(0)
+        derivatives += of_amounts * missed / of_amounts.square().sum(0).clamp_min(1e-30)
 
     def _linearised(self, batch: SegmentBatch) -> tuple[Tensor, Tensor]:
         """Positions, and their derivatives by the amounts, as differences: in double precision they have digits enough,
@@ -113,20 +129,20 @@ class LevenbergMarquardtModule(GaussNewtonModule):
         held = self.damping * (diagonal + SHARE_OF_MEAN * diagonal.mean()) + RIDGE
         return torch.linalg.solve(information + torch.diag(held), -gradient).clamp(-FARTHEST, FARTHEST)
 
-    def _misfit_at(self, batch: SegmentBatch, weights: Tensor) -> float:
-        """The misfit with other weights, infinite where the motion diverges."""
+    def _residual_at(self, batch: SegmentBatch, weights: Tensor) -> Tensor:
+        """The residuals with other weights, not numbers where the motion diverges."""
         try:
             predicted = self._rollout(batch, weights)
         except SimulationDiverged:
-            return float("inf")
-        found = self._misfit(batch, self._relative(batch, predicted, predicted[None])[0], weights)
-        return found if found == found else float("inf")
+            return torch.full_like(batch.target, torch.nan)
+        return self._relative(batch, predicted, predicted[None])[0]
 
     def _misfit(self, batch: SegmentBatch, residual: Tensor, weights: Tensor) -> float:
         """sum_s sqrt(|r_s|^2 + ROUNDING) + RIDGE |w|^2/2."""
         scenes = batch.start.scenes
         squared = residual.new_zeros(scenes.scene_count).index_add(0, scenes.scene_index, residual.square().sum((0, 1)))
-        return float((squared + ROUNDING).sqrt().sum() + 0.5 * RIDGE * weights.square().sum())
+        found = float((squared + ROUNDING).sqrt().sum() + 0.5 * RIDGE * weights.square().sum())
+        return found if math.isfinite(found) else math.inf
 
     @staticmethod
     def _factor(squared: Tensor) -> Tensor:

@@ -86,8 +86,9 @@ def test_a_step_that_would_lead_away_is_not_taken(records: list[SceneRecord]) ->
     predicted, derivatives = module._linearised(batch)
     residual, _ = module._relative(batch, predicted, derivatives)
     here = module._misfit(batch, residual, before)
-    assert module._misfit_at(batch, before) == pytest.approx(here, abs=1e-6)
-    assert module._misfit_at(batch, before + 1e3) > here
+    assert module._misfit(batch, module._residual_at(batch, before), before) == pytest.approx(here, abs=1e-6)
+    wanted = module._best(batch, before, residual, derivatives)
+    assert module._misfit(batch, module._residual_at(batch, wanted), wanted) < here
     assert torch.equal(module._amounts.weight, before)
 
 
