@@ -44,18 +44,13 @@ class GaussNewtonModule(MultiSceneModule):
     moment: Tensor
 
     def __init__(self, laws: Laws, *arguments: object, **options: object) -> None:
-        self.check(laws)
+        check_linear(laws)
         # whatever acts beside the elasticity acts here, too: it has no weights
         others = (law if law is None else copy.deepcopy(law).double() for law in laws[1:])
         super().__init__(Laws(copy.deepcopy(laws.elasticity).double(), *others), *arguments, **options)  # type: ignore[arg-type]
         count = self._amounts.weight.numel()
         self.register_buffer("information", torch.zeros(count, count, dtype=torch.float64))
         self.register_buffer("moment", torch.zeros(count, dtype=torch.float64))
-
-    @staticmethod
-    def check(laws: Laws) -> None:
-        """Refuses laws that this method does not serve."""
-        check_linear(laws)
 
     @property
     def _law(self) -> "_LinearLaw":
@@ -128,11 +123,6 @@ class GaussNewtonModule(MultiSceneModule):
         residual = torch.where(observed, predicted - torch.where(observed, batch.target, 0.0), 0.0) * unit
         return residual, torch.where(observed, derivatives, 0.0) * unit
 
-    @staticmethod
-    def _factor(squared: Tensor) -> Tensor:
-        """f_s of a segment, from its squared error."""
-        return 1.0 / (squared + ROUNDING)
-
     def _normal_equations(self, batch: SegmentBatch, residual: Tensor, derivatives: Tensor) -> tuple[Tensor, Tensor]:
         """f J^T J and f J^T r of a batch by the flat weights, summed over its segments."""
         scenes, amounts = batch.start.scenes, len(derivatives)
@@ -143,7 +133,7 @@ class GaussNewtonModule(MultiSceneModule):
             columns = derivatives[..., particles].reshape(amounts, -1)
             feature = features[:, particles[0]]
             of_scene = residual[..., particles].reshape(-1)
-            factor = self._factor(of_scene @ of_scene)
+            factor = 1.0 / (of_scene @ of_scene + ROUNDING)
             information = information + factor * torch.kron(columns @ columns.T, torch.outer(feature, feature))
             gradient = gradient + factor * torch.kron(columns @ of_scene, feature)
         return cast(Tensor, information), cast(Tensor, gradient)
