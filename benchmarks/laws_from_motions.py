@@ -37,11 +37,16 @@ Motions = dict[str, list[SceneRecord]]
 
 
 class Recipe(NamedTuple):
-    """How a law is trained: from full states as `training=short`, or from positions alone as `training=initial`."""
+    """How a law is trained: from full states as `training=short`, or from positions alone as `training=initial`.
+
+    rate, average  learning rate, and power of the average of weights; None: those of these files
+    """
 
     model: str = "pcnclaws"
     loss: str = "relative"
     positions_only: bool = False
+    rate: float | None = None
+    average: float | None = None
 
 
 class Trained(NamedTuple):
@@ -81,10 +86,10 @@ def trained(
     show_deformations(laws.elasticity, motions["train"])
     plan = SegmentPlan(iterations, seed=context.seed, **(INITIAL if recipe.positions_only else SHORT))  # pyright: ignore[reportArgumentType]
     segments = TrajectoryDataModule(motions["train"], motions["validation"], plan, check_every=max(iterations // 4, 1))
-    rate = 3e-3 if recipe.positions_only else 5e-3
-    settings = OptimiserSettings(rate, gradient_clip=10.0, loss=recipe.loss)
+    rate, average = (3e-3, None) if recipe.positions_only else (5e-3, 8.0)
+    settings = OptimiserSettings(recipe.rate or rate, gradient_clip=10.0, loss=recipe.loss)
     module = MultiSceneModule(laws, segments.dataset.settings, settings, iterations)
-    loop = Loop(logger="csv", average=None if recipe.positions_only else 8.0, pictures=False)
+    loop = Loop(logger="csv", average=recipe.average or average, pictures=False)
     try:
         with tempfile.TemporaryDirectory() as folder:
             fit(module, segments, Path(folder), context.device, loop, console=Console(quiet=True))

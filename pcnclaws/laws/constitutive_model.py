@@ -185,7 +185,7 @@ def neural_law(material: str | Material, network: str = "pcnclaws", width: int |
     """The untrained neural law of a material, whose weights require gradients: the structure around the networks.
 
     The weights are drawn by PyTorch: torch.manual_seed makes them the same again.
-    network  the name of a registered network: pcnclaws, pcnclaws_free_flow, pcnclaws_no_prior, pcnclaws_paper
+    network  the name of a registered network: pcnclaws, pcnclaws_convex, pcnclaws_free_flow, pcnclaws_paper
     width    of the hidden layers, the network's own unless given
     raises   UserError for unknown names, with the nearest known one
     """

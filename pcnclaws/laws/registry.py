@@ -61,6 +61,11 @@ NETWORKS: dict[str, Network] = {
             "pcnclaws.laws.neural_free_flow:FreeFlowPlasticNet",
         ),
         Network(
+            "pcnclaws_convex",
+            "pcnclaws.laws.neural_energy:EnergyNet",
+            "pcnclaws.laws.neural_convex:ConvexPlasticNet",
+        ),
+        Network(
             "pcnclaws_unified",
             "pcnclaws.laws.neural_unified:UnifiedElasticNet",
             "pcnclaws.laws.neural_unified:UnifiedPlasticNet",

@@ -44,7 +44,11 @@ SMOKE = {
     ],
     "foreign_laws": [
         *("problem.materials=[ogden,cap]", "problem.scenes=1", "problem.iterations=1", "problem.steps=160"),
-        "problem.models=[pcnclaws_energy,pcnclaws_free_flow]",
+        *("problem.models=[pcnclaws_energy,pcnclaws_convex]", "problem.iterations_of_convex=1"),
+    ],
+    "return_maps": [
+        *("problem.materials=[cap]", "problem.models=[pcnclaws_convex]", "problem.samples=64"),
+        *("problem.iterations=2", "problem.steps=20"),
     ],
     "imperfect_data": [
         *("problem.cases=[false_robust,noise]", "problem.scenes=4", "problem.iterations=4", "problem.steps=160"),
@@ -68,6 +72,7 @@ DEAR = (
     "own_laws",
     "fine_tuning",
     "foreign_laws",
+    "return_maps",
     "imperfect_data",
     "training",
     "scaling",
@@ -148,10 +153,16 @@ def check_fine_tuning(results: dict) -> None:
 def check_foreign_laws(results: dict) -> None:
     assert [(row["material"], row["model"]) for row in results["rows"]] == [
         ("ogden", "pcnclaws_energy"),
-        ("cap", "pcnclaws_free_flow"),
+        ("cap", "pcnclaws_convex"),
     ]
     for row in results["rows"]:
         assert 0.0 < row["unseen"] == pytest.approx(sum(row["scenes"]) / 3)
+
+
+def check_return_maps(results: dict) -> None:
+    (row,) = results["rows"]
+    assert (row["material"], row["model"], len(row["by_lode"])) == ("cap", "pcnclaws_convex", 6)
+    assert min(row["residual"], row["unseen"], *row["by_lode"]) > 0.0
 
 
 def check_imperfect_data(results: dict) -> None:
@@ -169,6 +180,7 @@ CHECKS = {
     "own_laws": check_own_laws,
     "step_cost": check_step_cost,
     "rendering": check_rendering,
+    "return_maps": check_return_maps,
     "scaling": check_scaling,
     "skips": check_skips,
     "training": check_training,
