@@ -235,7 +235,7 @@ def _defaults(entry: str, overrides: Sequence[str]) -> Mapping[str, Any]:
 
 
 def _exists(group: str, choice: str) -> bool:
-    return choice in choices_of(group) or (conf_folder() / group / f"{choice}.yaml").is_file()
+    return choice in _choices(group)
 
 
 @cache

@@ -1,5 +1,6 @@
 """Jobs of a command: run one after another or as those of a sweep, each with its exit status."""
 
+import errno
 import os
 import sys
 import traceback
@@ -134,7 +135,10 @@ class Jobs:
 def _in_one_line(error: Exception) -> tuple[int, str]:
     """The exit status of an error, and its line; the traceback of a bug is printed."""
     text = " ".join(str(error).split())
-    if isinstance(error, OSError) and is_full(error):
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        error = UserError(f"'{str(error.filename)[:40]}...' is no path (file name too long); accepted: shorter names")
+        text = str(error)
+    elif isinstance(error, OSError) and is_full(error):
         text = f"{error.filename or 'a file'} cannot be written ({reason(error)})"
     elif not isinstance(error, (UserError, SimulationDiverged, CannotWrite, JobsLost)):
         traceback.print_exception(error)

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from pcnclaws.errors import CannotWrite, UserError
 from pcnclaws.evaluation.report import write_metrics
 from pcnclaws.rendering.animation import animation
 from pcnclaws.rendering.pictures import trajectory_picture
+from pcnclaws.simulate import simulate
 from pcnclaws.training.checkpoints import LAST, PREVIOUS, AtomicCheckpointIO, newest_checkpoint
 from pcnclaws.training.hyperparameters import log_hyperparameters
 from pcnclaws.training.weights import write_weights
@@ -132,6 +134,15 @@ def test_a_path_that_cannot_be_written_is_wrong_input(reason: int) -> None:
 def test_a_name_that_is_too_long_is_wrong_input(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="file name too long"), replaced_file(tmp_path / ("x" * 300)):
         pass
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["output", "law", "scene.mesh", "scene.particles"])
+def test_a_path_that_is_too_long_is_wrong_input(option: str, in_process: Any, tmp_path: Path) -> None:
+    ends = {"output": ".h5", "scene.mesh": ".obj", "scene.particles": ".npz"}
+    outcome = in_process(simulate, "simulate", f"{option}={5000 * 'x'}{ends.get(option, '')}")
+    assert outcome.status == 2
+    assert "Traceback" not in outcome.err
     assert list(tmp_path.iterdir()) == []
 
 

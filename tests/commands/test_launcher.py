@@ -34,6 +34,7 @@ WRONG = {
     "simulation=[0,-1,0.5]": ("simulation=[0,-1,0.5] is not accepted; accepted: one of ", "paper"),
     f"{5000 * 'x'}=1": ("is not known; accepted: what --help lists",),
     f"material={5000 * 'x'}": ("is not accepted; accepted: one of ", "sand"),
+    f"keyframe_every={5000 * 'x'}": ("keyframe_every=xxx", "a whole number"),
     "trainer.accelerator=cpu": ("option='trainer.accelerator' is not known; accepted: device, ",),
     "material=snad": ["material='snad'", "elasticity, neo_hookean, plasticine, sand", "did you mean 'sand'"],
     "simulation.stpes=3": ["'simulation.stpes'", "simulation.time_step", "did you mean 'simulation.steps'"],
