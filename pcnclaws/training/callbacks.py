@@ -1,6 +1,8 @@
-"""Callbacks of a training run: the loss curve, the best weights, and a checkpoint after every validation."""
+"""Callbacks of a training run: the loss curve, the best weights, a checkpoint after every validation, and SIGTERM."""
 
 import math
+import signal
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
@@ -89,3 +91,18 @@ class CheckpointEachCheck(Checkpoint):
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         trainer.save_checkpoint(self.folder / LAST)
+
+
+class OwnSigterm(Callback):
+    """SIGTERM as it was before the training.
+
+    Lightning's handler tells the other processes of a training by a broadcast, which none of them expects: it waits for
+    ever, inside the handler.
+    """
+
+    def __init__(self) -> None:
+        self._handler = signal.getsignal(signal.SIGTERM)
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        if trainer.world_size > 1 and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, self._handler)

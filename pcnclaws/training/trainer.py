@@ -14,7 +14,7 @@ from pcnclaws.data.datamodule import CheckedDataModule
 from pcnclaws.errors import Interrupted, SimulationDiverged, is_full
 from pcnclaws.training.averaging import AveragedWeights
 from pcnclaws.training.budget import WallClock
-from pcnclaws.training.callbacks import BestWeights, CheckpointEachCheck, History
+from pcnclaws.training.callbacks import BestWeights, CheckpointEachCheck, History, OwnSigterm
 from pcnclaws.training.checkpoints import LAST, AtomicCheckpointIO, Resumption, newest_checkpoint
 from pcnclaws.training.loop import Loop
 from pcnclaws.training.progress import TrainingProgress
@@ -94,6 +94,7 @@ def fit(
             clock,
             *loop.made_callbacks(),
             CheckpointEachCheck(checkpoints),
+            OwnSigterm(),
             progress,
         ],
         enable_checkpointing=True,
