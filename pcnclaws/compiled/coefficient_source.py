@@ -56,6 +56,9 @@ MOVING = (
     *("view", "_unsafe_view", "reshape", "expand", "slice", "select", "unsqueeze", "squeeze", "t", "transpose"),
     *("permute", "cat", "stack", "unbind", "split", "clone", "alias", "detach", "index", "index_select", "movedim"),
 )
+COUNTED = ("linspace", "arange")
+# Extremes along a dimension, and what they are of two entries.
+EXTREMES = {"amin": "minimum", "amax": "maximum"}
 KEPT = ("_to_copy", "lift_fresh_copy", "contiguous", "copy")
 
 
@@ -119,6 +122,8 @@ class _Writer(Interpreter):
             return target(*args, **kwargs)
         if name in KEPT:
             return args[0]
+        if name in COUNTED:
+            return self._constants(target(*args, **kwargs))
         if name in FILLED or name.startswith(("full", "new_full")):
             value = FILLED[name] if name in FILLED else args[1] if name != "new_full" else args[2]
             shape = args[0].shape if isinstance(args[0], Tensor) and name != "new_full" else args[name == "new_full"]
@@ -132,6 +137,10 @@ class _Writer(Interpreter):
         if name in ("mm", "addmm"):
             product = self._product(args[-2], args[-1])
             return product if name == "mm" else self._entries("add", [args[0], product])
+        if name == "bmm":
+            return torch.stack([self._product(a, b) for a, b in zip(args[0], args[1], strict=True)])
+        if name in EXTREMES and len(args) > 1 and len(args[1]) == 1:
+            return self._extreme(EXTREMES[name], args[0], int(args[1][0]), keep=len(args) > 2 and bool(args[2]))
         if name not in TEMPLATES or kwargs.get("approximate", "none") != "none" or kwargs.get("rounding_mode"):
             raise Untraceable(f"its coefficients use '{name}' of PyTorch, which no header is made of")
         return self._entries(name, args[: 1 + max(k for k in range(3) if f"{{{k}}}" in TEMPLATES[name])])
@@ -144,6 +153,13 @@ class _Writer(Interpreter):
         flat = [[self.expressions[int(place)] for place in one.reshape(-1)] for one in places]
         found = [self._statement(TEMPLATES[name].format(*entry)) for entry in zip(*flat, strict=True)]
         return torch.tensor(found, dtype=torch.long).reshape(places[0].shape)
+
+    def _extreme(self, of_two: str, values: Tensor, dimension: int, keep: bool) -> Tensor:
+        """The least or largest entry along a dimension."""
+        found, *others = values.unbind(dimension)
+        for one in others:
+            found = self._entries(of_two, [found, one])
+        return found.unsqueeze(dimension) if keep else found
 
     def _product(self, a: Tensor, b: Tensor) -> Tensor:
         named = [[[self.expressions[place] for place in row] for row in matrix.tolist()] for matrix in (a, b.T)]

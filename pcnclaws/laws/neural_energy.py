@@ -83,9 +83,9 @@ class EnergyNet(Elasticity):
         if self.is_bounded:
             share = _share_within_bounds(change)[:, None]
             amounts, change = amounts * share.repeat_interleave(len(self.exponents), 0)[:, 0], change * share
-        found = {"mu": mu, "lam": lam}
+        found, at_ends = {"mu": mu, "lam": lam}, torch.stack((change[:, 0], change[:, -1]), 1)
         for term, of_term, ends, limits in zip(
-            TERMS, amounts.unflatten(0, (len(TERMS), -1)), change[:, [0, -1]], self.limits.to(mu), strict=True
+            TERMS, amounts.unflatten(0, (len(TERMS), -1)), at_ends, self.limits.to(mu), strict=True
         ):
             found |= {f"{term}_{k}": amount for k, amount in enumerate(of_term)}
             # of the deviators, which add to the strains, the least that softens nothing

@@ -36,7 +36,7 @@ LAWS: dict[str, Callable[[], pc.ConstitutiveModel]] = {
 # Where derivatives have fewer digits, in PyTorch as well: a divided difference of numbers that nearly meet leaves half
 # of those that the law's own sums have, and a strain of 1e-7 has lost as many to the 1 that it is added to.
 TOLERANCES = {"nearly equal stretches": 1e-4, "small": 1e-8}
-FAST = ("sand that ships", "hardening")
+FAST = ("sand that ships", "elasticity that ships", "hardening")
 
 
 def _stirred(model: pc.ConstitutiveModel) -> pc.ConstitutiveModel:
