@@ -128,7 +128,8 @@ def _row(
         slowest = max(slowest, outcome.seconds)
         said = f"{outcome.word}: {_without_numbers(outcome.text)}"
         if outcome.word in FAULTS and len(faults) < EXAMPLES:
-            faults.append({"input": n, "outcome": outcome.word, "text": outcome.text[:300]})
+            text = outcome.text.replace(f"{kept.parent.parent.absolute()}/", "")  # wherever the seeds lie
+            faults.append({"input": n, "outcome": outcome.word, "text": text[:300]})
         if said not in known:
             known.add(said)
             keep(n, outcome)

@@ -15,6 +15,7 @@ from pcnclaws.compiled.backend import use_backend
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.geometry.shapes import PointCloud, mesh_particles, particles, spin_velocity
 from pcnclaws.geometry.velocity_gradients import spin_gradient, velocity_gradients
+from pcnclaws.interface.settings import two_densities
 from pcnclaws.laws.materials import Material, material_named
 from pcnclaws.laws.parameters import validate_parameters
 from pcnclaws.mpm.settings import SimulationSettings
@@ -190,13 +191,6 @@ def _start_affine(scene: Scene, body: PointCloud) -> Float[np.ndarray, "particle
     affine = np.zeros((len(body.position), 3, 3)) if own is None else own
     affine = affine + spin_gradient(list(scene.spin))
     return affine if affine.any() else None
-
-
-def two_densities(density: float) -> UserError:
-    """The error for simulation.density beside particles that bring their density."""
-    return UserError(
-        f"simulation.density={density:g} has no effect on particles that bring their density; accepted: one of the two"
-    )
 
 
 def _where(scene: Scene) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pcnclaws.commands.capture_options import capture_of
-from pcnclaws.commands.configuration import affine_word, body_from, two_densities
+from pcnclaws.commands.configuration import affine_word, body_from
 from pcnclaws.commands.surroundings import domain_of, grid_spacing_from, surroundings_from
 from pcnclaws.commands.typed_configs import EstimateConfig
 from pcnclaws.commands.typed_groups import ObservedSimulation, Scene
@@ -17,6 +17,7 @@ from pcnclaws.data.point_observation import from_points
 from pcnclaws.errors import UserError, unknown_name
 from pcnclaws.geometry.shapes import PointCloud, spin_velocity
 from pcnclaws.geometry.velocity_gradients import spin_gradient, velocity_gradients
+from pcnclaws.interface.settings import two_densities
 from pcnclaws.laws.materials import Material
 from pcnclaws.mpm.settings import SimulationSettings
 

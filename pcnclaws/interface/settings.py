@@ -73,16 +73,20 @@ class Settings:
         if not self.has_density:
             return replace(self.simulation, density=float(material.density))
         if body.cloud.density is not None:
-            raise UserError(
-                f"simulation.density={self.simulation.density:g} has no effect on particles that bring their density; "
-                "accepted: one of the two"
-            )
+            raise two_densities(self.simulation.density)
         return self.simulation
 
     def __repr__(self) -> str:
         given = asdict(self.simulation) | ({"time_step": "auto"} if self.is_automatic else {})
         given |= {} if self.has_density else {"density": None}
         return f"Settings({', '.join(f'{name}={value!r}' for name, value in given.items() if name not in OF_SCENES)})"
+
+
+def two_densities(density: float) -> UserError:
+    """The error for simulation.density beside particles that bring their density."""
+    return UserError(
+        f"simulation.density={density:g} has no effect on particles that bring their density; accepted: one of the two"
+    )
 
 
 def whole_number(option: str, value: Any, least: int = 1) -> int:
