@@ -19,10 +19,10 @@ from pcnclaws.geometry.shapes import spin_velocity
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.base import Elasticity
 from pcnclaws.laws.materials import material_named
-from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
 from pcnclaws.simulation.batch import SceneBatch, batch_scenes
+from pcnclaws.simulation.physical_states import failing_particles
 from pcnclaws.simulation.scenes import SceneStart
 from pcnclaws.simulation.simulator import simulator_of
 from pcnclaws.simulation.time_step import stability_of

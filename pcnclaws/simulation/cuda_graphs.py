@@ -18,8 +18,8 @@ from torch.autograd.function import once_differentiable
 from pcnclaws.compiled.backend import configured_backend
 from pcnclaws.compiled.calls import in_forward_mode, in_function_transform, kernels_serve
 from pcnclaws.laws.fixed_parameters import FixedParameters
-from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.mpm.state import ParticleState, Scenes
+from pcnclaws.simulation.physical_states import failing_particles
 from pcnclaws.simulation.simulator import SCENE_FIELDS, STATE_FIELDS, Simulator
 from pcnclaws.tensors.tensor_types import Parameters, ParticleMask
 

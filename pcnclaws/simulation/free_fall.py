@@ -21,7 +21,6 @@ from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.collider_distance import steps_before_colliders
 from pcnclaws.simulation.simulator import Simulator
 from pcnclaws.simulation.stress_free import is_stress_free_at_rest
-from pcnclaws.tensors.linalg3 import identity_like
 from pcnclaws.tensors.tensor_types import Parameters
 
 # A particle exchanges with the nodes up to this many cells away.
@@ -106,7 +105,7 @@ def _steps_before_contact(motion: Float[np.ndarray, "4 3"], settings: Simulation
 def _moves_as_one(state: ParticleState, scenes: Scenes, first: Int64[Tensor, " scenes"]) -> Bool[Tensor, " scenes"]:
     """Scenes that start as one undeformed body (or several) of one velocity."""
     same = (state.velocity == state.velocity[:, first][:, scenes.scene_index]).all(0)
-    undeformed = (state.deformation == identity_like(state.deformation)).all(0).all(0)
+    undeformed = (state.deformation == torch.eye(3, device=state.position.device)[:, :, None]).all(0).all(0)
     other = ~(same & undeformed & (state.affine == 0.0).all(0).all(0))
     return torch.zeros_like(first).index_add(0, scenes.scene_index, other.long()) == 0
 

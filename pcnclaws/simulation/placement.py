@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float
 
 from pcnclaws.errors import UserError
-from pcnclaws.mpm.diagnostics import domain_in_words, place_outside
 from pcnclaws.mpm.numbers import scalars, span_holds
 from pcnclaws.mpm.settings import UNIT_BOX, SimulationSettings
 from pcnclaws.simulation.collider_distance import collider_distance
+from pcnclaws.simulation.physical_states import domain_in_words, place_outside
 
 # Accepted rounding of a position on the surface of the wall layer [m].
 WALL_TOLERANCE = 1e-6

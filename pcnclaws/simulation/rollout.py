@@ -14,7 +14,6 @@ from torch import Tensor
 
 from pcnclaws.errors import ParticleEscaped, SimulationDiverged
 from pcnclaws.guards import count as count_guard
-from pcnclaws.mpm.diagnostics import failing_particles, left_domain, why_failing
 from pcnclaws.mpm.settings import UNIT_BOX, Domain
 from pcnclaws.mpm.state import ParticleState, Scenes
 from pcnclaws.simulation.active_scenes import ActiveScenes
@@ -26,6 +25,7 @@ from pcnclaws.simulation.fast_paths import Skips
 from pcnclaws.simulation.free_fall import free_steps
 from pcnclaws.simulation.gradient_checkpointing import recomputed_step
 from pcnclaws.simulation.impulses import ImpulseSum
+from pcnclaws.simulation.physical_states import failing_particles, left_domain, why_failing
 from pcnclaws.simulation.recording import FramePlan, Recording, Trajectory
 from pcnclaws.simulation.simulator import Simulator, Step
 from pcnclaws.tensors.tensor_types import ParticleMask

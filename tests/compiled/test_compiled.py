@@ -30,9 +30,9 @@ from pcnclaws.laws.materials import material_named
 from pcnclaws.laws.plasticity import DruckerPrager
 from pcnclaws.mpm.colliders import Collider
 from pcnclaws.mpm.contact import VERSION_1_STICK
-from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import SimulationSettings
+from pcnclaws.simulation.physical_states import failing_particles
 from pcnclaws.simulation.simulator import Simulator
 from pcnclaws.tensors.linalg3 import exp_symmetric, matmul
 from pcnclaws.tensors.tensor_types import Matrices, Parameters

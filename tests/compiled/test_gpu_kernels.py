@@ -26,9 +26,9 @@ from pcnclaws.compiled.structures import Corners, LawArrays
 from pcnclaws.laws.elasticity import FixedCorotated, StVKHencky
 from pcnclaws.laws.law import Law
 from pcnclaws.mpm.contact import VERSION_1_STICK
-from pcnclaws.mpm.diagnostics import failing_particles
 from pcnclaws.mpm.integrator import MPMIntegrator
 from pcnclaws.mpm.settings import UNIT_BOX, SimulationSettings
+from pcnclaws.simulation.physical_states import failing_particles
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="needs a C++ compiler")
 ON_GPU = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")]

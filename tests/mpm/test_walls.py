@@ -13,9 +13,9 @@ from pcnclaws.errors import ParticleEscaped, SimulationDiverged, UserError
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS, material_named
 from pcnclaws.mpm.contact import VERSION_1_STICK
-from pcnclaws.mpm.diagnostics import why_failing
 from pcnclaws.mpm.settings import SimulationSettings
 from pcnclaws.mpm.state import ParticleState
+from pcnclaws.simulation.physical_states import why_failing
 from pcnclaws.simulation.placement import require_inside
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
