@@ -278,6 +278,12 @@ def test_free_flight_gives_no_number(estimated, tmp_path: Path) -> None:
         ),
         (["discrepancy=true", "observation.kind=points", "scene.shape=cube"], "discrepancy=true is not accepted with"),
         (["unknown.size=true"], "unknown.size=true needs markers on a body; accepted: scene.shape=cube, ..."),
+        (["uncertainty=profiles"], "uncertainty='profiles' is not known; accepted: linear, profile, sample"),
+        (
+            ["uncertainty=profile", "refinements=[2,3]", "scene.shape=cube"],
+            "uncertainty=profile is not accepted with refinements; accepted: uncertainty=linear",
+        ),
+        (["uncertainty=sample", "samples=10"], "samples=10 is not accepted; accepted: a whole number from 100"),
         (["refinements=2"], "refinements=2 is not accepted; accepted: numbers above 1 that increase"),
         (["refinements=[2,1.5]"], "refinements=[2, 1.5] is not accepted; accepted: numbers above 1 that increase"),
         (["refinements=[2]"], "refinements=[2] is not accepted with the particles of a file"),

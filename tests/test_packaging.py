@@ -165,6 +165,7 @@ def test_the_wheel_asks_for_nothing_that_only_extras_need(installed: Installed) 
         "imageio-ffmpeg",
         "wandb",
         "optuna",
+        "emcee",
         "joblib",
         "pytest",
         "beartype",
@@ -212,6 +213,7 @@ def test_what_needs_an_extra_says_which(installed: Installed) -> None:
         "pyvista": ("render", "trajectory=y.h5", "renderer=pyvista", "output=y.png"),
         "usd": ("export", "trajectory=y.h5", "output=y.usd"),
         "wandb": ("train", "logger=wandb"),
+        "sample": ("estimate", "material=sand", "observation.file=y.h5", "uncertainty=sample"),
         "sweep": ("train", "--multirun", "hydra/sweeper=search", "seed=1,2"),
     }.items():
         assert f"accepted: pip install 'pcnclaws[{extra}]', or " in installed.refused(*arguments)

@@ -33,6 +33,7 @@ from pcnclaws.commands.estimation_setup import (
     start_from_guess,
     unknowns_from,
 )
+from pcnclaws.commands.estimation_uncertainty import LINEAR, Explored, explored, leave_explored, uncertainty_asked
 from pcnclaws.commands.observation_setup import observation_from
 from pcnclaws.commands.outputs import RESULT, output_file, scene_files
 from pcnclaws.commands.runs import law_folder, laws_for, load_run
@@ -90,7 +91,7 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     console = Console() if Console().is_terminal else Console(width=PLAIN_WIDTH)
     material = material_named(config.material.name)
     estimator = estimator_from(config)
-    reckons = discrepancy_asked(config)
+    reckons, kind = discrepancy_asked(config), uncertainty_asked(config)
     observation = observation_from(config, material)
     noise = noise_from(config)
     unknowns = unknowns_from(config, material, observation)
@@ -112,6 +113,11 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     if reckons and (fit.fitted is False or is_pattern(observation, found.residual)):
         fit = replace(fit, discrepancy=discrepancy_of(observation, found.residual))
         found = uncertainty(at, problem.unknowns, u, law_error, noise=noise, discrepancy=fit.discrepancy)
+    seen = None
+    if kind != LINEAR and not fit.has_intervals:
+        console.print(f"uncertainty={kind}: there are no intervals, since the fit has none", markup=False)
+    elif kind != LINEAR:
+        found, seen = explored(config, problem, u, found, folder=folder)
     history = [
         *module.history,
         *((stage.problem.unknowns.values(stage.u).tolist(), stage.at.mse) for stage in stages[1:]),
@@ -121,23 +127,28 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     title = f"{material.name}, law {config.law}, {observation.name}: {observation.positions} positions"
     findings = Findings(title, unknowns, unknowns.values(guess).tolist(), found=found, fit=fit, truth=truth)
     console.print(result_table(findings))
-    for line in [*verdicts(found, fit), *_outside(config, material, stages[-1])]:
+    beside = [] if seen is None else seen.lines()
+    for line in [*verdicts(found, fit), *beside, *_outside(config, material, stages[-1])]:
         console.print(line, markup=False)
     values = {
         "material": material.name,
         "law": config.law,
         "observation": str(config.observation.file),
         "estimator": estimator.name,
-        **result_values(findings),
+        **result_values(findings, beside),
         **({} if observation.registration is None else {"registration": dict(observation.registration)}),
         "mse": at.mse,
         "iterations": module.iterations,
+        **({} if seen is None else {"uncertainty": {"kind": kind, **seen.values()}}),
         "history": [{"values": list(numbers), "mse": error} for numbers, error in history],
         "seconds": round(time.monotonic() - started, 1),
         "guards": counts(),
         "provenance": provenance(config.seed) | {"precision": config.precision},
     }
-    for path in _extras(config, output, stages[-1], findings, history):
+    for path in [
+        *_extras(config, output, stages[-1], findings, history),
+        *_explored_files(config, output, findings, seen),
+    ]:
         console.print(f"wrote {path}")
     write_metrics(output, values)
     log_intervals(folder, found.estimates, module.iterations, fit.has_intervals)
@@ -170,7 +181,7 @@ def _extras(
 ) -> list[Path]:
     """Pictures and the simulated trajectory, as far as they are asked for."""
     problem, u, observation = last.problem, last.u, last.problem.observation
-    stem = output.with_suffix("") if output.suffix else output
+    stem = _stem(output)
     written = []
     if config.trajectory:
         path = stem.with_name(f"{stem.name}_simulated.h5")
@@ -181,6 +192,16 @@ def _extras(
         findings = replace(findings, truth=stored_truth(observation, sought))
         written += leave_estimation_pictures(stem, findings, observation, problem.beside(u), history)
     return written
+
+
+def _explored_files(config: EstimateConfig, output: Path, findings: Findings, seen: Explored | None) -> list[Path]:
+    if seen is None:
+        return []
+    return leave_explored(_stem(output), seen, findings.truth, findings.title, config.picture)
+
+
+def _stem(output: Path) -> Path:
+    return output.with_suffix("") if output.suffix else output
 
 
 def _write_trajectory(path: Path, problem: EstimationProblem, u: np.ndarray) -> None:

@@ -144,8 +144,10 @@ def _length(size: float) -> str:
     return f"{1e3 * size:.2g} mm"
 
 
-def result_values(findings: Findings) -> dict[str, Any]:
+def result_values(findings: Findings, beside: Sequence[str] = ()) -> dict[str, Any]:
     """The result as plain values: {"parameters": {label: {...}}, "motion": {...}, "fit": {...}, "noise", ...}.
+
+    beside  more verdicts in words
 
     An estimate without an interval is the best fit of a motion that is not fitted, and not identifiable.
     """
@@ -169,7 +171,7 @@ def result_values(findings: Findings) -> dict[str, Any]:
     return {
         "parameters": parameters,
         "motion": motion,
-        "verdicts": [*CODES[fit.fitted], *verdicts(found, fit)],
+        "verdicts": [*CODES[fit.fitted], *verdicts(found, fit), *beside],
         "fit": _fit_values(fit),
         "correlation": found.correlation.tolist(),
         "noise": found.noise,

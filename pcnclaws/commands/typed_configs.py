@@ -118,6 +118,8 @@ class EstimateConfig(SimulatingCommand):
     unknown: UnknownMotion
     discrepancy: bool
     refinements: Unchecked
+    uncertainty: str
+    samples: int
     screening: int
     overwrite: bool
     picture: bool

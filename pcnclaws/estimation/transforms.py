@@ -45,6 +45,10 @@ class Transform:
         slope = self._span * share * (1.0 - share)
         return slope * self.value(coordinate) if self.logarithmic else slope
 
+    def log_density(self, coordinate: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """The logarithm of the density of coordinates for which g(value) is uniform, up to a constant."""
+        return np.log(expit(coordinate)) + np.log(expit(-coordinate))
+
     def reach(self, coordinate: float) -> tuple[float, float]:
         """How far a search may go at once: to the longest step, and not so near to a bound that it would stay there."""
         place = self._low + self._span * float(expit(coordinate))
@@ -91,6 +95,10 @@ class Free:
     def slope(self, coordinate: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """d value / d coordinate."""
         return np.full_like(coordinate, self.scale)
+
+    def log_density(self, coordinate: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """A uniform density, up to a constant."""
+        return np.zeros_like(coordinate)
 
     def reach(self, coordinate: float) -> tuple[float, float]:
         """How far a search may go at once: a few units of the scale."""

@@ -48,6 +48,8 @@ class Uncertainty:
     noise        scatter of the residual [m], at the minimum, or of the positions where it is known to be larger
     law_error    what the law moves a marker wrongly by, in the ways that the unknowns would [m]
     residual     at the minimum [m], (observed coordinates,)
+    error_variance  of independent coordinates that would make the variance of each unknown [m^2], (unknowns,); infinite
+                 where the motion says nothing
     freedom      observed coordinates that tell something, less the unknowns that have an influence
     """
 
@@ -57,6 +59,7 @@ class Uncertainty:
     noise: float
     law_error: float
     residual: Float[np.ndarray, " rows"]
+    error_variance: Float[np.ndarray, " unknowns"]
     freedom: int
 
 
@@ -98,6 +101,7 @@ def uncertainty(
     with np.errstate(invalid="ignore"):
         share = np.where(felt, np.diag(of_law) / np.diag(covariance), 0.0)
         correlation = np.where(np.outer(felt, felt), covariance / np.outer(deviation, deviation), 0.0)
+        error_variance = np.where(felt, np.diag(covariance) / np.diag(inverse), np.inf)
     estimates = [
         replace(_estimate(unknown, u[k], step[k], deviation[k]), law_share=float(share[k]))
         for k, unknown in enumerate(unknowns.sought)
@@ -109,6 +113,7 @@ def uncertainty(
         noise=noise,
         law_error=law_error,
         residual=minimum.residual,
+        error_variance=error_variance,
         freedom=freedom,
     )
 
@@ -149,12 +154,7 @@ def _estimate(unknown: Unknown, u: float, step: float, deviation: float) -> Esti
     reach = QUANTILE_95 * deviation
     places = np.array([0.0, step, -reach, reach, 2.0 * min(step, 0.0) - reach, 2.0 * max(step, 0.0) + reach])
     value, ahead, least, most, low, high = unknown.transform.value(u + places).tolist()
-    parameter = PARAMETERS.get(unknown.name)
-    if parameter is not None and parameter.logarithmic:
-        known = most < parameter.widest * least
-    else:
-        widest = WIDEST_SURROUNDINGS.get(unknown.name, np.inf) if parameter is None else parameter.widest
-        known = most - least < widest
+    known = is_told(unknown, least, most)
     converged = bool(abs(step) <= deviation)
     return Estimate(
         unknown.label,
@@ -165,3 +165,12 @@ def _estimate(unknown: Unknown, u: float, step: float, deviation: float) -> Esti
         ahead=ahead,
         converged=converged,
     )
+
+
+def is_told(unknown: Unknown, low: float, high: float) -> bool:
+    """Whether an interval from low to high says anything of an unknown."""
+    parameter = PARAMETERS.get(unknown.name)
+    if parameter is not None and parameter.logarithmic:
+        return high < parameter.widest * low
+    widest = WIDEST_SURROUNDINGS.get(unknown.name, np.inf) if parameter is None else parameter.widest
+    return high - low < widest
