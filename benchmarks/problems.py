@@ -8,6 +8,7 @@ from rich.table import Table
 
 from benchmarks import (
     between_kinds,
+    coverage,
     data_parallel,
     fine_tuning,
     foreign_laws,
@@ -49,6 +50,7 @@ class Problem(NamedTuple):
 
 PROBLEMS = {
     "between_kinds": Problem(between_kinds.run, between_kinds.draw, between_kinds.tables),
+    "coverage": Problem(coverage.run, coverage.draw, coverage.tables),
     "data_parallel": Problem(data_parallel.run, data_parallel.draw, data_parallel.tables),
     "fine_tuning": Problem(fine_tuning.run, fine_tuning.draw, fine_tuning.tables),
     "foreign_laws": Problem(foreign_laws.run, foreign_laws.draw, foreign_laws.tables),

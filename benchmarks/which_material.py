@@ -64,7 +64,7 @@ def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]
                 if key not in recorded:
                     laws = analytic_laws(material_named(key[0]))
                     recorded[key] = simulate_records([starts[key[0]][key[1]]], laws, FramePlan(steps, every))[0]
-                seen = _seen(recorded[key], level, np.random.default_rng((context.seed, key[1])))
+                seen = seen_markers(recorded[key], level, np.random.default_rng((context.seed, key[1])))
                 return _explained(seen, material_named(asked), options, context)
 
             explained[asked] = done.row(f"{start.name} {level} {asked}", made)
@@ -116,7 +116,7 @@ def _explained(
     values = with_first_motion(observation, unknowns, values) if moves else values
     guess = stable_start(problem, unknowns.coordinates(values.tolist()))
     u = screened_start(problem, guess, int(options["screening"]), context.seed)[0]
-    u, here, count = _searched(problem, u, int(options["iterations"]))
+    u, here, count = searched(problem, u, int(options["iterations"]))
     found = uncertainty(here, unknowns, u, known_law_error(shipped_folder(material)), None)
     fit = fit_of(problem, u, found, None)
     own = [one for one in found.estimates if one.label in PARAMETERS]
@@ -132,7 +132,7 @@ def _explained(
     }
 
 
-def _searched(problem: EstimationProblem, u: np.ndarray, most: int) -> tuple[np.ndarray, Linearisation, int]:
+def searched(problem: EstimationProblem, u: np.ndarray, most: int) -> tuple[np.ndarray, Linearisation, int]:
     """Coordinates and linearisation after a search of at most so many steps, and how many it took."""
     search, here = LevenbergMarquardt(), problem.linearise(u)
     for count in range(most):
@@ -145,7 +145,7 @@ def _searched(problem: EstimationProblem, u: np.ndarray, most: int) -> tuple[np.
     return u, here, most
 
 
-def _seen(record: SceneRecord, noise: float, random: np.random.Generator) -> Observation:
+def seen_markers(record: SceneRecord, noise: float, random: np.random.Generator) -> Observation:
     """All particles of known start velocity; with noise, some on the surface, with gaps, whose start is not known."""
     whole_body = from_record(record)
     if noise == 0.0:

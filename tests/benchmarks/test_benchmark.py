@@ -38,6 +38,10 @@ SMOKE = {
         *("problem.segments=2", "problem.iterations=1", "problem.scenes=2", "problem.particles_per_edge=4"),
         "problem.memory_edges=[4]",
     ],
+    "coverage": [
+        *("problem.kinds=[elasticity]", "problem.objects=2", "problem.profiles=1", "problem.steps=120"),
+        "problem.iterations=3",
+    ],
     "fine_tuning": [
         *("problem.pairs=[mohr_coulomb]", "problem.scenes=1", "problem.fine_tuning=[1]", "problem.training=[1]"),
         "problem.steps=20",
@@ -128,6 +132,15 @@ def check_transfers(results: dict) -> None:
     assert all(row["ratio"] == 1.0 for row in results["costs"] if row["transfer"] == "apic")
 
 
+def check_coverage(results: dict) -> None:
+    first, second = results["rows"]
+    assert set(first["numbers"]) == {"youngs_modulus", "poissons_ratio"}
+    for one in first["numbers"].values():
+        assert one["linear"][0] < one["estimate"] < one["linear"][1]
+        assert one["profile"][0] < one["estimate"] < one["profile"][1]
+    assert {one["profile"] for one in second["numbers"].values()} == {None}
+
+
 def check_rendering(results: dict) -> None:
     assert (results["particles"], results["frames"]) == (512, 4)
     (row,) = results["rows"]
@@ -173,6 +186,7 @@ def check_imperfect_data(results: dict) -> None:
 
 
 CHECKS = {
+    "coverage": check_coverage,
     "data_parallel": check_data_parallel,
     "fine_tuning": check_fine_tuning,
     "foreign_laws": check_foreign_laws,
