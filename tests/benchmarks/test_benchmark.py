@@ -202,6 +202,8 @@ CHECKS = {
 }
 
 
+# PyTorch warns of its own use of torch.jit when it loads forward mode
+@pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")
 @pytest.mark.usefixtures("own_registry")
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in DEAR else name for name in SMOKE]
