@@ -292,7 +292,7 @@ def test_free_flight_gives_no_number(estimated, tmp_path: Path) -> None:
             ["refinements=[1.77]", "scene.shape=cube", "scene.side=0.2", "scene.centre=[0.5,0.24,0.5]"],
             "refinements=[1.77]: ",
         ),
-        (["device=cuda"], "device=cuda is not accepted; accepted: cpu"),
+        (["device=gpu"], "device='gpu' is not known; accepted: auto, cpu, cuda"),
         (["observation.noise=0"], "observation.noise=0 is not accepted; accepted: above 0"),
         (["observation.noise=true"], "observation.noise=True is not accepted"),
         (["screening=-1"], "screening=-1 is not accepted"),

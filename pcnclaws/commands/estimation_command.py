@@ -41,7 +41,6 @@ from pcnclaws.commands.typed_configs import EstimateConfig
 from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.locks import written_alone
 from pcnclaws.data.observation_files import stored_truth
-from pcnclaws.errors import UserError
 from pcnclaws.estimation.discrepancy import discrepancy_of, is_pattern
 from pcnclaws.estimation.goodness_of_fit import fit_of
 from pcnclaws.estimation.inverse import InverseModule
@@ -85,8 +84,6 @@ def estimate(config: EstimateConfig) -> Mapping[str, float | None]:
 def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None]:
     started = time.monotonic()
     use_processor(config)
-    if config.device != "cpu":
-        raise UserError(f"device={config.device} is not accepted; accepted: cpu, estimation has no other way yet")
     quiet_lightning()
     console = Console() if Console().is_terminal else Console(width=PLAIN_WIDTH)
     material = material_named(config.material.name)

@@ -2,7 +2,8 @@
 
 Candidates, and the copies of the scene that carry one derivative each, are scenes of one batch. Derivatives are exact,
 in forward mode: a rollout of K copies gives the Jacobian of K unknowns, and no graph is kept. Those of what stands
-around the body are central differences.
+around the body are central differences, and on a GPU, whose kernels have no forward mode, all of them are. Motions are
+simulated on the device; what is compared with the observation is on the CPU.
 """
 
 from collections.abc import Sequence
@@ -26,12 +27,12 @@ from pcnclaws.simulation.batch import SceneBatch
 from pcnclaws.simulation.execution import SINGLE_ON_CPU, Execution
 from pcnclaws.simulation.rollout import positions_at
 from pcnclaws.simulation.scenes import SceneStart
-from pcnclaws.simulation.simulator import simulator_of
+from pcnclaws.simulation.simulator import Simulator, simulator_of
 from pcnclaws.simulation.time_step import stability_of
 from pcnclaws.tensors.layout import matrices_last, vectors_last
 
-# So many particles are simulated at once.
-PARTICLES_AT_ONCE = 16_384
+# So many particles are simulated at once, on a CPU and on a GPU.
+PARTICLES_AT_ONCE = {"cpu": 16_384, "cuda": 1_048_576}
 # A frame so near to a step, in steps, is at the step.
 AT_STEP = 1e-3
 
@@ -68,7 +69,7 @@ class EstimationProblem:
     """An observation, the laws that are to explain it, and the unknowns that they may choose.
 
     laws       frozen, of the observation's material
-    execution  on the CPU, without progress
+    execution  without progress
     """
 
     def __init__(
@@ -80,7 +81,8 @@ class EstimationProblem:
     ) -> None:
         self.laws, self.observation, self.unknowns = laws, observation, unknowns
         self.execution, self.dtype = execution, execution.dtype
-        self.simulator = simulator_of(laws, observation.settings, execution.skips).to(dtype=self.dtype)
+        self.device = torch.device(execution.device)
+        self.simulator = self._simulator(observation.settings)
         self._scene = SceneCopies(observation, unknowns, self.dtype)
         self._particle = torch.from_numpy(np.ascontiguousarray(observation.particle))
         self._weight = self._scene.tensor(observation.weight)
@@ -115,7 +117,7 @@ class EstimationProblem:
             rates[k] = slopes[k] * self._velocity(values)
         for k in self.unknowns.index(SURFACE_OFFSET):
             rates[k] = slopes[k] * rates_of_offset(found)
-        rates |= self._differences(u)
+        rates |= self.differences(u, self._by_differences)
         assignment = self._assigned(found, values)
         for k, rate in rates.items():
             jacobian[k] = assignment.change(rate).double().numpy()
@@ -196,10 +198,21 @@ class EstimationProblem:
 
     @property
     def _copies(self) -> int:
-        return max(PARTICLES_AT_ONCE // self._scene.particles, 1)
+        return max(PARTICLES_AT_ONCE[self.device.type] // self._scene.particles, 1)
+
+    @property
+    def _by_differences(self) -> list[int]:
+        """The unknowns whose derivatives are central differences."""
+        unknowns = self.unknowns
+        if self.device.type == "cpu":
+            return unknowns.surroundings
+        return [*unknowns.physical, *unknowns.motion, *unknowns.surroundings]
 
     def _rates(self, values: np.ndarray, slopes: np.ndarray) -> tuple[Tensor, dict[int, Tensor]]:
         """Positions of the markers (frames, 3, markers), and their rates for parameters and start velocities."""
+        if self.device.type != "cpu":
+            with torch.no_grad():
+                return self._observed([values], [None])[:, :, 0], {}
         found, of_unknown = torch.empty(0), {}
         # apart: a body whose start velocity is sought has no free fall to skip
         for group in (self.unknowns.physical, self.unknowns.motion):
@@ -217,9 +230,8 @@ class EstimationProblem:
             found, rates = forward_ad.unpack_dual(dual)
             return found, torch.zeros_like(found) if rates is None else rates
 
-    def _differences(self, u: Float[np.ndarray, " unknowns"]) -> dict[int, Tensor]:
-        """Changes of the markers (frames, 3, markers) with what stands around the body, by central differences."""
-        sought = self.unknowns.surroundings
+    def differences(self, u: Float[np.ndarray, " unknowns"], sought: Sequence[int]) -> dict[int, Tensor]:
+        """Changes of the markers (frames, 3, markers) with some coordinates, by central differences."""
         if not sought:
             return {}
         ends = [u + sign * DIFFERENCE * np.eye(len(u))[k] for k in sought for sign in (1.0, -1.0)]
@@ -258,9 +270,12 @@ class EstimationProblem:
     def _positions(self, batch: SceneBatch, plan: _Interpolation, friction: float) -> Tensor:
         simulator = self.simulator
         if friction != self.observation.settings.friction:
-            settings = replace(self.observation.settings, friction=friction)
-            simulator = simulator_of(self.laws, settings, self.execution.skips).to(dtype=self.dtype)
-        return positions_at(simulator, batch, plan.steps, skips=self.execution.skips)
+            simulator = self._simulator(replace(self.observation.settings, friction=friction))
+        found = positions_at(simulator, batch.on(self.device), plan.steps, skips=self.execution.skips)
+        return found.to("cpu")
+
+    def _simulator(self, settings: SimulationSettings) -> Simulator:
+        return simulator_of(self.laws, settings, self.execution.skips).to(device=self.device, dtype=self.dtype)
 
     def _at_frames(self, found: Tensor, plan: _Interpolation, values: Sequence[np.ndarray]) -> Tensor:
         """Positions of particles at steps, (steps, 3, copies, particles), as those of markers at frames."""

@@ -25,6 +25,12 @@ class SceneBatch(NamedTuple):
     parameters: dict[str, Tensor]
     names: tuple[str, ...] = ()
 
+    def on(self, device: torch.device) -> "SceneBatch":
+        """The same on a device, with its derivatives."""
+        state = ParticleState(*(field.to(device) for field in self.state))
+        scenes = Scenes(*(field.to(device) for field in self.scenes))
+        return SceneBatch(state, scenes, {name: one.to(device) for name, one in self.parameters.items()}, self.names)
+
     @property
     def particle_counts(self) -> list[int]:
         """Number of particles of each scene."""

@@ -71,6 +71,7 @@ SMOKE = {
 
 
 DEAR = (
+    "coverage",
     "data_parallel",
     "rendering",
     "own_laws",

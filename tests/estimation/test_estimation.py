@@ -10,6 +10,7 @@ from observed_bodies import TRUTH, observed, problem_of, solved, start, unknowns
 from pcnclaws.errors import UserError
 from pcnclaws.estimation.inverse import EstimatorSettings, InverseModule
 from pcnclaws.estimation.law_error import calibrated_error, known_law_error
+from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.screening import screened_start, stable_start
 from pcnclaws.estimation.start_motion import with_first_motion
 from pcnclaws.estimation.transforms import Free, Transform, transform_of
@@ -19,6 +20,7 @@ from pcnclaws.geometry.velocity_gradients import spin_gradient
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS
 from pcnclaws.laws.parameters import PARAMETERS, POISSONS_RATIO, YOUNGS_MODULUS
+from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 
@@ -276,3 +278,30 @@ def test_gradient_descent_goes_halfway_back_from_a_gradient_that_is_not_finite()
     module.on_before_optimizer_step(optimiser)
     optimiser.step()
     np.testing.assert_allclose(module.u, [-0.05, -0.05], rtol=1e-6)
+
+
+def test_central_differences_which_serve_on_a_gpu_are_near_the_exact_derivatives() -> None:
+    seen = observed(start("elasticity"), 60, dtype=torch.float64)
+    problem = problem_of(seen, unknowns_of(seen, motion=True), dtype=torch.float64)
+    u = problem.unknowns.coordinates([*TRUTH["elasticity"].values(), 0.5, -2.0, 0.0, 0.0, 0.0, 0.0])
+    exact = problem.linearise(u).jacobian
+    rates = problem.differences(u, range(len(u)))
+    assert set(rates) == set(range(len(u)))
+    for k, rate in rates.items():
+        changed = problem.comparison.assigned(rate).change(rate).numpy()
+        assert np.linalg.norm(changed - exact[k]) < 0.02 * np.linalg.norm(exact[k])
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_a_search_on_a_gpu_ends_where_that_on_a_cpu_does() -> None:
+    seen = observed(start("sand"))
+    found = []
+    for device in ("cpu", "cuda"):
+        problem = EstimationProblem(
+            analytic_laws(MATERIALS["sand"]), seen, unknowns_of(seen), Execution(torch.float32, device)
+        )
+        u, at = solved(problem, [2e5, 0.25, 27.0])
+        found.append(problem.unknowns.values(u))
+        assert at.mse < 1e-11
+    np.testing.assert_allclose(found[1], found[0], rtol=2e-3)
