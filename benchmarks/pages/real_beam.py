@@ -22,6 +22,7 @@ from benchmarks.pages.real_beam_words import (
     MODEL,
     RATIOS,
     SHEAR,
+    STIFFENING,
     WHY,
 )
 from benchmarks.real_beam.report import draw_convergence, draw_motions
@@ -119,7 +120,16 @@ def _estimates(results: Mapping[str, Any]) -> list[str]:
         grid=grid,
         part=grid / bare["simulated"]["damping"],
     )
-    return [ESTIMATES, table(["", *FITS.values()], lines), text]
+    return [ESTIMATES, table(["", *FITS.values()], lines), text, _stiffening(results)]
+
+
+def _stiffening(results: Mapping[str, Any]) -> str:
+    found = results["stiffening_fit"]
+    share = found["parameters"]["stiffening"]
+    low, high = share["interval_95"]
+    return STIFFENING.format(
+        left=1e3 * found["rms"], without=1e3 * results["fit"]["rms"], share=share["estimate"], low=low, high=high
+    )
 
 
 def _narrower(results: Mapping[str, Any], name: str) -> float:

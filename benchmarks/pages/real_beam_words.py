@@ -87,6 +87,13 @@ the loss factor {loss:.2f} times that of the first: this is left between the two
 part in it: its marker on the upper side is {slip:.2f} mm further along the beam after the loaded motion than before
 ({slip_bare:.2f} mm in the other recording), where the simulated clamp stays.
 """
+STIFFENING = """\
+**What a learned elastic law could add.** A network for elasticity that is given E has one thing to say of a beam that
+bends: how its stiffness changes with the square of the deflection, since what is even in the strain cancels over a
+cross section. Such a cubic spring, estimated along from the first recording, leaves {left:.4f} mm where without it
+{without:.4f} mm are left; at the sag of the beam's own weight the stiffness changes by {share:+.1%} ({low:+.1%} to
+{high:+.1%}). A network that is trained on this motion can explain hardly more than that, and none was.
+"""
 HEAVY = """\
 ## 101 g, not seen by us
 
@@ -127,6 +134,6 @@ convergence is in the table.
 
 ## Not done
 
-The same through a neural law; a weight that swings on its thread; a clamp that gives way; softening with strain.
-The last two are likely what is left between the two recordings.
+A neural law trained on this motion (what it could add is above); a weight that swings on its thread; a clamp
+that gives way, which may be what is left between the two recordings.
 """

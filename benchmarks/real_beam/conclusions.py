@@ -54,6 +54,7 @@ def conclusions(row: Rows, folder: Path, seed: int) -> dict[str, Any]:
         "candidates": _candidates(bare_file, {"viscosity": straight.family, "even": bare.family, "power": bare.family}),
         "predicted_straight": _predicted_straight(bare, unseen, loaded_file),
         "fit": bare.fit.plain(),
+        "stiffening_fit": _fitted(bare_file, bare.family, (*LAW, "held", "stiffening"), _law(bare.fit)).plain(),
         "viscous_fit": straight.fit.plain() | {"viscosity": _viscosity(straight.fit)},
         "loaded_fit": loaded.fit.plain(),
         "loaded": comparison(loaded_file, loaded.family, loaded.fit.values, LOADED),

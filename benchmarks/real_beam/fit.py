@@ -10,12 +10,12 @@ from benchmarks.real_beam.law import strengths
 from benchmarks.real_beam.measured import Recording
 from benchmarks.real_beam.runs import YOUNG
 from benchmarks.real_beam.scene import LENGTH, WIDTH
-from benchmarks.real_beam.surrogate import LATE, Family
+from benchmarks.real_beam.surrogate import LATE, Family, Law
 
 # Lags of the covariance of the scores [s]; x and z of the markers are compared, since the motion is in their plane.
 LAGS, IN_PLANE = 1.0, (0, 2)
-NAMES = ("youngs_modulus", "strength", "exponent", "release", "face", "axis", "held", "caught")
-SCALES = np.array((YOUNG, 0.3, 0.3, 0.01, 0.01, 0.01, 1e-3, 0.1))
+NAMES = ("youngs_modulus", "strength", "exponent", "release", "face", "axis", "held", "caught", "stiffening")
+SCALES = np.array((YOUNG, 0.3, 0.3, 0.01, 0.01, 0.01, 1e-3, 0.1, 0.02))
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,8 @@ class Fit:
 
     Long-term E [Pa], strength of the first Maxwell element and exponent of the others [-] (law.py), release [s], z of
     the face of the clamp and x of the axis of the beam in the frame of the recording [m]; how far the tip hung before
-    the release [m], and the share of the sag from which the free motion begins [-].
+    the release [m], the share of the sag from which the free motion begins, and by how much the beam is stiffer when it
+    sags by its own weight [-].
 
     free      names of what was estimated; the others were given
     half      half the widths of the 95 % intervals; 0 for what was given
@@ -70,15 +71,15 @@ def moved(family: Family, places: np.ndarray, values: np.ndarray, time: np.ndarr
     time   increasing [s]
     onset  when the tip begins to move [s]
     """
-    modulus, strength, exponent, release, _, _, held, caught = (float(value) for value in values)
-    law = modulus, strengths(strength, exponent)
-    share = 1.0 + held / float(family.height(np.array([LATE]), *law)[0])
-    free = family.displacement(time - release, places, *law)
+    modulus, strength, exponent, release, _, _, held, caught, stiffening = (float(value) for value in values)
+    law = Law(modulus, strengths(strength, exponent), stiffening)
+    share = 1.0 + held / float(family.height(np.array([LATE]), law)[0])
+    free = family.displacement(time - release, places, law)
     if caught == 0.0:
         return share * free
-    rest = family.displacement(np.array([LATE]), places, *law)
+    rest = family.displacement(np.array([LATE]), places, law)
     after = (1.0 - caught) * free + caught * (time > release)[:, None, None] * rest
-    falling = family.displacement(time - onset, places, *law)
+    falling = family.displacement(time - onset, places, law)
     falls = np.logical_and.accumulate((time <= release) | (falling[:, 0, 0] > after[:, 0, 0]))
     return share * np.where(falls[:, None, None], falling, after)
 
@@ -89,7 +90,7 @@ def start_of(recording: Recording, law: tuple[float, float, float]) -> np.ndarra
     law  long-term E [Pa], strength and exponent [-]
     """
     placed = recording.rest[0, [2, 0]] - (LENGTH, 0.5 * WIDTH)
-    return np.array((*law, recording.onset, *placed, 0.0, 0.0))
+    return np.array((*law, recording.onset, *placed, 0.0, 0.0, 0.0))
 
 
 def fit(recording: Recording, family: Family, start: np.ndarray, free: tuple[str, ...]) -> Fit:

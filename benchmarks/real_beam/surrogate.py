@@ -21,8 +21,10 @@ from benchmarks.real_beam.scene import LENGTH
 
 # Of the end of a run, whose difference from the oscillator goes on after it [s].
 TAIL = 0.3
-# When all has come to rest [s].
-LATE = 1e3
+# When all has come to rest [s]; nearly so, and the steps of a motion with a cubic spring.
+LATE, SETTLED, STEP = 1e3, 6.0, 1e-3
+# The deflection at which a cubic spring is stated [m]: the sag of the beam's own weight.
+STIFFENED_AT = 6.6e-3
 
 
 class Oscillator(NamedTuple):
@@ -52,9 +54,40 @@ class Oscillator(NamedTuple):
         shares = np.linalg.solve(modes, -rest.astype(complex))
         return -self.sag + np.real(np.exp(np.clip(time, 0.0, None)[:, None] * rates) * modes[0] @ shares)
 
+    def stiffened(self, time: np.ndarray, moduli: np.ndarray, share: float) -> np.ndarray:
+        """The same with a cubic spring, w^2 (x + share x^3 / x_1^2), by symplectic Euler [m], (times,).
+
+        share  of the stiffness, at x_1 = STIFFENED_AT [-]
+        """
+        steps = int(min(float(time.max()), SETTLED) / STEP) + 2
+        square, follow = (2.0 * np.pi * self.frequency) ** 2, [-np.expm1(-STEP / t) for t in RELAXATION_TIMES]
+        weights, within = moduli.tolist(), [0.0] * len(follow)
+        height, velocity, found = 0.0, 0.0, np.zeros(steps)
+        for step in range(1, steps):
+            spring = height + self.sag + share * height**3 / STIFFENED_AT**2
+            elements = sum(g * (height - q) for g, q in zip(weights, within, strict=True))
+            velocity -= STEP * (self.drag * velocity + square * (spring + elements))
+            height += STEP * velocity
+            within = [q + f * (height - q) for q, f in zip(within, follow, strict=True)]
+            found[step] = height
+        return np.interp(time, STEP * np.arange(steps), found)
+
     def with_modulus(self, ratio: float) -> "Oscillator":
         """The one whose long-term modulus is so many times as large."""
         return self._replace(frequency=self.frequency * ratio**0.5, sag=self.sag / ratio)
+
+
+class Law(NamedTuple):
+    """What a beam is made of.
+
+    modulus     long-term E [Pa]
+    moduli      of the Maxwell elements over the long-term one [-]
+    stiffening  by how much the beam is stiffer at a deflection of STIFFENED_AT [-]
+    """
+
+    modulus: float
+    moduli: np.ndarray
+    stiffening: float = 0.0
 
 
 class Family:
@@ -98,28 +131,29 @@ class Family:
     def _followed(self, height: np.ndarray) -> np.ndarray:
         return np.stack((height, height**2), axis=1) @ self._following
 
-    def height(self, time: np.ndarray, modulus: float, moduli: np.ndarray) -> np.ndarray:
+    def height(self, time: np.ndarray, law: Law) -> np.ndarray:
         """Of the middle of the tip's face [m], (times,)."""
-        return self._of(time, modulus, moduli)[:, 0]
+        return self._of(time, law)[:, 0]
 
-    def displacement(self, time: np.ndarray, places: np.ndarray, modulus: float, moduli: np.ndarray) -> np.ndarray:
+    def displacement(self, time: np.ndarray, places: np.ndarray, law: Law) -> np.ndarray:
         """Displacements of points of the tip [m], (times, points, 3).
 
-        time     after the release [s]
-        places   in the frame of the undeformed beam [m], (points, 3)
-        modulus  long-term E [Pa]
-        moduli   of the Maxwell elements over the long-term one [-]
+        time    after the release [s]
+        places  in the frame of the undeformed beam [m], (points, 3)
         """
-        total = self._of(time, modulus, moduli)
+        total = self._of(time, law)
         offset = places - np.array((0.0, 0.0, LENGTH))
         return total[:, None, :3] + np.einsum("tij,pj->tpi", total[:, 3:].reshape(-1, 3, 3), offset)
 
-    def _of(self, time: np.ndarray, modulus: float, moduli: np.ndarray) -> np.ndarray:
+    def _of(self, time: np.ndarray, law: Law) -> np.ndarray:
         """Changes of middle and gradient, (times, 12)."""
         spline, end = self._left
         last = self.tip.time[-1]
         left = np.where((time > last)[:, None], end, spline(np.clip(time, 0.0, last)))
-        changed = self.oscillator.with_modulus(modulus / self.modulus)
-        found = left + self._followed(changed.height(time, moduli))
+        changed = self.oscillator.with_modulus(law.modulus / self.modulus)
+        height = changed.height(time, law.moduli)
+        if law.stiffening:
+            height += changed.stiffened(time, law.moduli, law.stiffening) - changed.stiffened(time, law.moduli, 0.0)
+        found = left + self._followed(height)
         found[time <= 0.0] = 0.0
         return found

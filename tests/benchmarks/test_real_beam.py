@@ -15,7 +15,7 @@ from benchmarks.real_beam.measured import GRAVITY_FILE, LOADED_FILE, Recording, 
 from benchmarks.real_beam.prediction import from_first_turn
 from benchmarks.real_beam.runs import plain, ringing
 from benchmarks.real_beam.scene import LENGTH, Tip
-from benchmarks.real_beam.surrogate import Family, Oscillator
+from benchmarks.real_beam.surrogate import STIFFENED_AT, Family, Law, Oscillator
 from pcnclaws.laws.formulas import TIME_STEP
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -78,6 +78,15 @@ def test_an_oscillator_rings_with_the_complex_modulus() -> None:
     assert -Oscillator(7.0, 7e-3, 0.0).height(np.array([1e3]), moduli)[0] == pytest.approx(7e-3)
 
 
+def test_a_cubic_spring_rests_where_its_force_is_that_of_the_weight() -> None:
+    moduli, sag, share = strengths(0.1, 0.3), 7e-3, 0.3
+    late = np.array([5.9])
+    height = Oscillator(7.0, sag, 60.0).stiffened(late, 0.0 * moduli, share)[0]
+    assert -(height + share * height**3 / STIFFENED_AT**2) == pytest.approx(sag, rel=1e-3)
+    linear, time = Oscillator(7.0, sag, 0.3), np.arange(0.0, 1.0, 0.01)
+    assert np.allclose(linear.stiffened(time, moduli, 0.0), linear.height(time, moduli), atol=0.03 * sag)
+
+
 def test_recordings_begin_to_move_where_the_first_jump_is() -> None:
     bare, loaded = read(GRAVITY_FILE), read(LOADED_FILE)
     assert (bare.first_moved, loaded.first_moved) == (72, 44)
@@ -105,13 +114,13 @@ def test_a_family_is_its_simulation_and_follows_the_law() -> None:
     place = np.array([(0.01, 0.0, 0.098)])
     for law, tolerance in ((SIMULATED, 2e-8), (other, 3e-6)):
         expected = _family(law).tip.displacement(place)[:: round(0.01 / 0.0025)][: len(time)]
-        found = family.displacement(time, place, law[0], strengths(*law[1:]))
+        found = family.displacement(time, place, Law(law[0], strengths(*law[1:])))
         assert np.abs(found - expected).max() < tolerance
 
 
 def _recorded(family: Family, noise: np.ndarray) -> tuple[Recording, np.ndarray]:
     bare = read(GRAVITY_FILE)
-    truth = np.array((2.6e5, 0.27, 0.3, 0.7043, -0.026, 0.058, 8e-4, 0.0))
+    truth = np.array((2.6e5, 0.27, 0.3, 0.7043, -0.026, 0.058, 8e-4, 0.0, 0.0))
     tip = bare.rest + simulated(bare, family, truth, bare.time)
     moving = bare.time > truth[3]
     tip[moving] += noise[: moving.sum()]
@@ -149,7 +158,7 @@ def test_intervals_hold_the_truth_where_residuals_are_alike_in_time() -> None:
             drift[k] = 0.95 * drift[k - 1] + 3e-5 * chance.standard_normal()
         noise = drift[:, None, None] * np.array((1.0, 0.0, 0.0))
         recording, truth = _recorded(family, noise)
-        start = truth + np.array((5e3, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        start = truth + np.array((5e3, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
         found = fit(recording, family, start, free)
         off = np.abs(found.values - truth)[:2]
         held.append(off <= found.half[:2])
