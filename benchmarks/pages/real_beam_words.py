@@ -3,10 +3,10 @@
 INTRODUCTION = """\
 # The measured beam
 
-A beam of silicone, 3 x 3 x 10 cm, clamped at one end, is let go; motion capture sees three
-markers on its tip. From that one recording elasticity and damping are estimated. Then the second recording,
-with 52 g hung on the edge of the tip, is predicted before anything is fitted to it, and a third one with 101
-g, which we have not seen, is written down. Everything on this page but for this text is made by
+A beam of silicone, 3 x 3 x 10 cm, clamped at one end, is let go; motion capture sees three markers on its
+tip. From that one recording elasticity and damping are estimated. Then the second recording, with 52 g hung on
+the edge of the tip, is predicted before anything is fitted to it, and a third one with 101 g, which we have
+not seen, is written down. Everything on this page but for this text is made by
 
     python -m benchmarks problem=real_beam
 
@@ -27,11 +27,12 @@ times ([law.py](../benchmarks/real_beam/law.py)): long-term E, the modulus of th
 exponent. With the exponent 0 the loss factor hardly depends on the frequency; with a steep one the first
 element alone is left, which is a viscosity; in between it is a spring beside a springpot, as rubber has it.
 Motions for laws near that of a simulation are the simulation and what an oscillator with this law says of the
-change ([surrogate.py](../benchmarks/real_beam/surrogate.py)); each fit is followed by a simulation at its
-estimate, and repeated around it. Markers move with the tip as one piece. Where the face of the clamp and the
-axis of the beam are in the frame of the cameras is not known, and is estimated along with the release: a
-marker-to-body registration by the motion. Nor do the markers tell whether the beam was held straight: how far
-below that the tip was held is estimated, too (*held*).
+change ([surrogate.py](../benchmarks/real_beam/surrogate.py)): each fit of a power law with *held* is followed by
+a simulation at its estimate, and repeated around it; a viscosity is simulated near its estimate; the other
+rows of the next table are the oscillator's change from the power law. Markers move with the tip as one piece.
+Where the face of the clamp and the axis of the beam are in the frame of the cameras is not known, and is
+estimated along with the release: a marker-to-body registration by the motion. Nor do the markers tell whether
+the beam was held straight: how far below that the tip was held is estimated, too (*held*).
 """
 CHOICE = """\
 ## The law that the beam's own weight chooses
@@ -42,7 +43,7 @@ release.
 CHOSEN = """\
 What is left of the power law is {power:.3f} mm, where a viscosity leaves {viscosity:.3f} mm, an even loss
 factor {even:.3f} mm; {chosen_straight:.3f} mm if the tip is taken to have been straight. It is chosen by this
-alone: everything below is its. A loss factor that is the same at all frequencies is refused by the recording,
+alone, and what is below is made with it. A loss factor that is the same at all frequencies is refused by the recording,
 since a solid that loses so much also creeps, and the measured sag creeps less than that. The exponent lies in
 between, and E in motion is {stiffer:.0%} above that in the long term. *Held* goes with it: a beam that is
 softer in the long term than it rings must have sagged a little before it was let go. Nothing else in the
