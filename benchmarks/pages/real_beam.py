@@ -11,6 +11,8 @@ from benchmarks.pages.documents import read_document
 from benchmarks.pages.links import relative
 from benchmarks.pages.real_beam_words import (
     BARS,
+    CHOICE,
+    CHOSEN,
     ERRORS,
     ESTIMATES,
     GRID,
@@ -20,6 +22,7 @@ from benchmarks.pages.real_beam_words import (
     MODEL,
     RATIOS,
     SHEAR,
+    STIFFENING,
     WHY,
 )
 from benchmarks.real_beam.report import draw_convergence, draw_motions
@@ -27,26 +30,25 @@ from pcnclaws.atomic import replaced_file
 
 Row = Mapping[str, Any]
 SHOWN = {
-    "youngs_modulus": ("E", 1e-3, "kPa"),
-    "viscosity": ("viscosity of shear", 1.0, "Pa s"),
+    "youngs_modulus": ("long-term E", 1e-3, "kPa"),
+    "strength": ("first element over long-term modulus", 1.0, "-"),
+    "exponent": ("exponent", 1.0, "-"),
     "release": ("release", 1e3, "ms"),
     "face": ("face of the clamp, z", 1e3, "mm"),
     "axis": ("axis of the beam, x", 1e3, "mm"),
-    "creep": ("creep of the sag", 1e2, "%"),
-    "creep_time": ("its time constant", 1.0, "s"),
+    "held": ("held", 1e3, "mm"),
+    "caught": ("caught", 1.0, "-"),
 }
-FITS = {
-    "fit": "two numbers",
-    "fit_creeping": "and creep",
-    "loaded_fit": "52 g, fitted afterwards",
-    "loaded_fit_creeping": "and creep",
-}
+FITS = {"fit": "power law", "viscous_fit": "viscosity", "loaded_fit": "52 g, fitted afterwards"}
+LAWS = {"viscosity": "viscosity", "even": "even loss factor", "power": "power law"}
 MOTIONS = {
     "own weight, fitted": "bare",
     "**52 g, predicted**": "predicted",
     "52 g, predicted, release fitted": "aligned",
+    "52 g, predicted, first turn read off": "turned",
     "52 g, fitted afterwards": "loaded",
 }
+FORMER = {words: f"{name}_viscous" for words, name in MOTIONS.items() if name != "loaded"}
 
 
 def write_real_beam(document: Mapping[str, Any], page: Path, place: Path) -> list[Path]:
@@ -67,6 +69,7 @@ def text_of(results: Mapping[str, Any], place: str) -> str:
     parts = [
         INTRODUCTION.format(place=place),
         MODEL.format(cells=simulated["cells"], nu=simulated["poissons_ratio"]),
+        *_choice(results),
         *_estimates(results),
         *_prediction(results),
         _heavy(results, place),
@@ -76,24 +79,57 @@ def text_of(results: Mapping[str, Any], place: str) -> str:
     return "\n".join(part if part.endswith("\n") else f"{part}\n" for part in parts)
 
 
+def _choice(results: Mapping[str, Any]) -> list[str]:
+    rows: list[Row] = results["candidates"]
+    lines = []
+    for row in rows:
+        known, motion = row["parameters"], row["moduli"]
+        lines.append(
+            [
+                LAWS[row["law"]],
+                f"{1e3 * known['held']['estimate']:.2f}" if row["held"] else "straight",
+                f"{1e-3 * known['youngs_modulus']['estimate']:.0f}",
+                f"{1e-3 * motion['0 g']['youngs_modulus']:.0f}",
+                *(f"{motion[load]['loss_factor']:.3f}" for load in ("0 g", "52 g")),
+                f"{1e3 * known['face']['estimate']:.1f}",
+                f"{1e3 * row['rms']:.3f}",
+            ]
+        )
+    head = ["law", "held [mm]", "E, long term [kPa]", "E at 7.73 Hz", "loss factor at 7.73 Hz", "at 4.35 Hz"]
+    left = {(row["law"], row["held"]): 1e3 * row["rms"] for row in rows}
+    motion = results["moduli"]["fit"]["0 g"]["youngs_modulus"]
+    text = CHOSEN.format(
+        **{law: left[law, True] for law in LAWS},
+        chosen_straight=left["power", False],
+        stiffer=motion / results["fit"]["parameters"]["youngs_modulus"]["estimate"] - 1.0,
+    )
+    return [CHOICE, table([*head, "face of the clamp [mm]", "left [mm]"], lines), text]
+
+
 def _estimates(results: Mapping[str, Any]) -> list[str]:
     lines = [
         [f"{words} [{of}]", *(_interval(results[which]["parameters"].get(name), unit) for which in FITS)]
         for name, (words, unit, of) in SHOWN.items()
     ]
     grid, bare = _own(results)["damping"], results["bare"]
-    part = grid / bare["simulated"]["damping"]
     text = INTERVALS.format(
-        rms=1e3 * results["fit"]["rms"],
         narrower=_narrower(results, "youngs_modulus"),
-        narrower_eta=_narrower(results, "viscosity"),
+        narrower_strength=_narrower(results, "strength"),
         ours=bare["simulated"]["damping"],
         theirs=bare["measured"]["damping"],
         grid=grid,
-        part=part,
-        larger=1.0 / (1.0 - part),
+        part=grid / bare["simulated"]["damping"],
     )
-    return [ESTIMATES, table(["", *FITS.values()], lines), text]
+    return [ESTIMATES, table(["", *FITS.values()], lines), text, _stiffening(results)]
+
+
+def _stiffening(results: Mapping[str, Any]) -> str:
+    found = results["stiffening_fit"]
+    share = found["parameters"]["stiffening"]
+    low, high = share["interval_95"]
+    return STIFFENING.format(
+        left=1e3 * found["rms"], without=1e3 * results["fit"]["rms"], share=share["estimate"], low=low, high=high
+    )
 
 
 def _narrower(results: Mapping[str, Any], name: str) -> float:
@@ -110,15 +146,24 @@ def _interval(row: Row | None, unit: float) -> str:
 
 
 def _prediction(results: Mapping[str, Any]) -> list[str]:
-    lines = [
-        _comparison(f"{words}{more}", results[name + end])
-        for end, more in (("", ""), ("_creeping", ", with creep"))
-        for words, name in MOTIONS.items()
-    ]
+    lines = [_comparison(words, results[name]) for words, name in MOTIONS.items()]
+    lines += [_comparison(f"{words}, with a viscosity", results[name]) for words, name in FORMER.items()]
     head = ["motion", "sag [mm], measured / ours", "", "frequency [Hz]", "", "damping", "RMS [mm]", ""]
-    first, second = (results[name]["parameters"] for name in ("fit", "loaded_fit"))
-    young, eta = (second[name]["estimate"] / first[name]["estimate"] for name in ("youngs_modulus", "viscosity"))
-    return [BARS, table(head, lines), WHY.format(young=young - 1.0, eta=eta)]
+    turned, slip, straight = results["turned"], results["clamp_slip"], results["predicted_straight"]["differences"]
+    again, first = (results["moduli"][name]["52 g"] for name in ("loaded_fit", "fit"))
+    young, own = (results[name]["parameters"]["youngs_modulus"]["estimate"] for name in ("loaded_fit", "fit"))
+    why = WHY.format(
+        young=young / own - 1.0,
+        motion=again["youngs_modulus"] / first["youngs_modulus"] - 1.0,
+        loss=again["loss_factor"] / first["loss_factor"],
+        caught=turned["caught"],
+        later=1e3 * turned["later"],
+        straight_sag=straight["sag"],
+        straight_frequency=straight["frequency"],
+        slip=1e3 * slip["52 g"],
+        slip_bare=1e3 * slip["0 g"],
+    )
+    return [BARS.format(turn=turned["turn"]), table(head, lines), why]
 
 
 def _comparison(words: str, row: Row) -> list[str]:
@@ -220,7 +265,7 @@ def _row(rows: Mapping[str, Row], cells: int, load: str) -> Row:
 
 
 def _own(results: Mapping[str, Any]) -> Row:
-    """The bare beam without viscosity on the grid of the fit."""
+    """The bare beam without Maxwell elements on the grid of the fit."""
     return _row(results["convergence"], results["simulated_with"]["cells"], LOADS[0])
 
 

@@ -1,4 +1,4 @@
-"""E, viscosity, release time and place of the clamp from a recording, with intervals that know of alike residuals."""
+"""The law, release time and place of the clamp from a recording, with intervals that know of alike residuals."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,26 +6,26 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from benchmarks.real_beam.law import strengths
 from benchmarks.real_beam.measured import Recording
-from benchmarks.real_beam.runs import VISCOSITIES, YOUNG
+from benchmarks.real_beam.runs import YOUNG
 from benchmarks.real_beam.scene import LENGTH, WIDTH
-from benchmarks.real_beam.surrogate import Family
+from benchmarks.real_beam.surrogate import LATE, Family, Law
 
 # Lags of the covariance of the scores [s]; x and z of the markers are compared, since the motion is in their plane.
 LAGS, IN_PLANE = 1.0, (0, 2)
-NAMES = ("youngs_modulus", "viscosity", "release", "face", "axis", "creep", "creep_time")
-SCALES = np.array((YOUNG, 200.0, 0.01, 0.01, 0.01, 0.03, 1.0))
-# What is estimated beside E, viscosity and release.
-REGISTRATION, CREEP = ("face", "axis"), ("creep", "creep_time")
-LATE = 60.0
+NAMES = ("youngs_modulus", "strength", "exponent", "release", "face", "axis", "held", "caught", "stiffening")
+SCALES = np.array((YOUNG, 0.3, 0.3, 0.01, 0.01, 0.01, 1e-3, 0.1, 0.02))
 
 
 @dataclass(frozen=True)
 class Fit:
     """Estimates in the order of NAMES.
 
-    E [Pa], viscosity [Pa s], release [s], z of the face of the clamp and x of the axis of the beam in the frame of the
-    recording [m], share by which the sag creeps [-], time constant of the creep [s]
+    Long-term E [Pa], strength of the first Maxwell element and exponent of the others [-] (law.py), release [s], z of
+    the face of the clamp and x of the axis of the beam in the frame of the recording [m]; how far the tip hung before
+    the release [m], the share of the sag from which the free motion begins, and by how much the beam is stiffer when it
+    sags by its own weight [-].
 
     free      names of what was estimated; the others were given
     half      half the widths of the 95 % intervals; 0 for what was given
@@ -58,27 +58,39 @@ class Fit:
 
 def simulated(recording: Recording, family: Family, values: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Displacements of the markers of the tip at times of the recording's clock [m], (times, 3, 3)."""
-    modulus, viscosity, release, face, axis, creep, creep_time = (float(value) for value in values)
-    return crept(family, recording.places(face, axis), time - release, (modulus, viscosity, creep, creep_time))
+    places = recording.places(float(values[4]), float(values[5]))
+    return moved(family, places, values, time, recording.onset)
 
 
-def crept(family: Family, places: np.ndarray, time: np.ndarray, law: tuple[float, float, float, float]) -> np.ndarray:
-    """Displacements of points of the tip, about a place of rest that creeps [m], (times, points, 3).
+def moved(family: Family, places: np.ndarray, values: np.ndarray, time: np.ndarray, onset: float) -> np.ndarray:
+    """Displacements of points of the tip from where they were held [m], (times, points, 3).
 
-    law  E [Pa], viscosity [Pa s], share by which the sag creeps [-], its time constant [s]
+    The motion is linear enough that a start elsewhere than straight is a share of the motion from there. Where it is
+    caught, the tip falls from straight until it is as deep as the free motion that follows.
+
+    time   increasing [s]
+    onset  when the tip begins to move [s]
     """
-    modulus, viscosity, creep, creep_time = law
-    moved = family.displacement(time, places, modulus, viscosity)
-    if creep == 0.0:
-        return moved
-    rest = family.displacement(np.array([LATE]), places, modulus, viscosity)
-    return moved + creep * -np.expm1(-np.clip(time, 0.0, None) / creep_time)[:, None, None] * rest
+    modulus, strength, exponent, release, _, _, held, caught, stiffening = (float(value) for value in values)
+    law = Law(modulus, strengths(strength, exponent), stiffening)
+    share = 1.0 + held / float(family.height(np.array([LATE]), law)[0])
+    free = family.displacement(time - release, places, law)
+    if caught == 0.0:
+        return share * free
+    rest = family.displacement(np.array([LATE]), places, law)
+    after = (1.0 - caught) * free + caught * (time > release)[:, None, None] * rest
+    falling = family.displacement(time - onset, places, law)
+    falls = np.logical_and.accumulate((time <= release) | (falling[:, 0, 0] > after[:, 0, 0]))
+    return share * np.where(falls[:, None, None], falling, after)
 
 
-def start_of(recording: Recording, weight: float) -> np.ndarray:
-    """Where a fit begins: the first marker near the upper edge of the tip, no creep."""
+def start_of(recording: Recording, law: tuple[float, float, float]) -> np.ndarray:
+    """Where a fit begins: the first marker near the upper edge of the tip, let go from straight.
+
+    law  long-term E [Pa], strength and exponent [-]
+    """
     placed = recording.rest[0, [2, 0]] - (LENGTH, 0.5 * WIDTH)
-    return np.array((YOUNG, VISCOSITIES[weight][1], recording.onset, *placed, 0.0, 1.0))
+    return np.array((*law, recording.onset, *placed, 0.0, 0.0, 0.0))
 
 
 def fit(recording: Recording, family: Family, start: np.ndarray, free: tuple[str, ...]) -> Fit:
@@ -89,17 +101,17 @@ def fit(recording: Recording, family: Family, start: np.ndarray, free: tuple[str
     """
     which = [NAMES.index(name) for name in free]
     begin = recording.first_moved
-    time, moved = recording.time[begin:], (recording.tip - recording.rest)[begin:, :, IN_PLANE]
+    time, measured = recording.time[begin:], (recording.tip - recording.rest)[begin:, :, IN_PLANE]
 
     def residual(scaled: np.ndarray) -> np.ndarray:
         values = start.copy()
         values[which] = scaled * SCALES[which]
-        return (moved - simulated(recording, family, values, time)[:, :, IN_PLANE]).ravel()
+        return (measured - simulated(recording, family, values, time)[:, :, IN_PLANE]).ravel()
 
     found = least_squares(residual, start[which] / SCALES[which], method="lm")
     values = start.copy()
     values[which] = found.x * SCALES[which]
-    left = found.fun.reshape(moved.shape)
+    left = found.fun.reshape(measured.shape)
     lags = round(LAGS / float(np.median(np.diff(time))))
     widths = np.zeros((2, len(NAMES)))
     widths[:, which] = np.stack(_half_widths(found.jac, left, lags)) * SCALES[which]

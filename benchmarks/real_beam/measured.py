@@ -13,6 +13,10 @@ COLUMNS = ["time_s", *(f"{marker}_{axis}" for marker in MARKERS for axis in "xyz
 # What the first markers of the tip and of the clamp's face moves by before the release [m].
 STILL = 1.5e-4
 GRAVITY = 9.81
+# The first turn is within so long after the release [s].
+FALL = 0.25
+# Of the end of a recording [s].
+ENDED = 1.0
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,13 @@ class Recording:
         return float(self.time[frame] - np.sqrt(2.0 * max(fallen, 0.0) / GRAVITY))
 
     @property
+    def first_turn(self) -> tuple[float, float]:
+        """When the first marker of the tip first turns [s], and its height then above its start [m], by a parabola."""
+        height = self.tip[:, 0, 0] - self.rest[0, 0]
+        frame = int(np.argmin(height[self.time < self.onset + FALL]))
+        return lowest(self.time[frame - 1 : frame + 2], height[frame - 1 : frame + 2])
+
+    @property
     def rest(self) -> np.ndarray:
         """Places of the markers of the tip before the release [m], (3, 3)."""
         return self.tip[: self.first_moved - 1].mean(0)
@@ -50,6 +61,12 @@ class Recording:
     def base_rest(self) -> np.ndarray:
         """Places of the markers of the clamp before the release [m], (3, 3)."""
         return self.base[: self.first_moved - 1].mean(0)
+
+    @property
+    def clamp_slip(self) -> float:
+        """How far the second marker of the clamp, on its upper side, ends along the beam from its start [m]."""
+        end = self.time > self.time[-1] - ENDED
+        return float(self.base[end, 1, 2].mean() - self.base_rest[1, 2])
 
     def places(self, face: float, axis: float) -> np.ndarray:
         """Places of the markers of the tip in the frame of the undeformed beam [m], (3, 3).
@@ -70,6 +87,12 @@ def read(path: Path) -> Recording:
     numbers = np.asarray(rows, dtype=np.float64)
     places = numbers[:, 1:].reshape(-1, 6, 3)
     return Recording(numbers[:, 0], places[:, :3], places[:, 3:])
+
+
+def lowest(time: np.ndarray, height: np.ndarray) -> tuple[float, float]:
+    """Time [s] and height [m] of the vertex of a parabola through three points."""
+    square, slope, height_there = np.polyfit(time - time[1], height, 2).tolist()
+    return float(time[1]) - slope / (2.0 * square), height_there - slope**2 / (4.0 * square)
 
 
 def clamp_moved(first: Recording, second: Recording) -> np.ndarray:

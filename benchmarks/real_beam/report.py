@@ -36,6 +36,10 @@ def draw_motions(results: Mapping[str, Any], path: Path) -> Path:
     axes[1].plot(
         again["time"], _millimetres(again["simulated"]), color=FITTED, linewidth=0.8, label="fitted afterwards"
     )
+    turned = results["turned"]["curve"]
+    axes[1].plot(
+        turned["time"], _millimetres(turned["simulated"]), ":", color=OURS, linewidth=0.9, label="first turn read off"
+    )
     heavy = results["heavy"]["curve"]
     axes[2].fill_between(
         heavy["time"],
