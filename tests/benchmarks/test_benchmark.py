@@ -44,7 +44,7 @@ SMOKE = {
     ],
     "fine_tuning": [
         *("problem.pairs=[mohr_coulomb]", "problem.scenes=1", "problem.fine_tuning=[1]", "problem.training=[1]"),
-        "problem.steps=20",
+        "problem.steps=160",
     ],
     "foreign_laws": [
         *("problem.materials=[ogden,cap]", "problem.scenes=1", "problem.iterations=1", "problem.steps=160"),
