@@ -87,6 +87,8 @@ def sampled(
     while len(chain) < steps:
         moves = sampler.sample(state, iterations=min(STEPS_AT_ONCE, steps - len(chain)), store=False)
         for state in moves:
+            if density.fault is not None:
+                raise density.fault
             chain = np.concatenate((chain, state.coords[None]))
         _keep(kept, chain, state)
     chain = chain[round(BURNED * steps) :]
@@ -114,8 +116,19 @@ class _Density:
         progress: Callable[[int], None] | None,
     ) -> None:
         self.problem, self.u, self.told, self.variance, self.progress = problem, u, told, variance, progress
+        self.fault: BaseException | None = None
 
     def __call__(self, candidates: Float[np.ndarray, "candidates told"]) -> Float[np.ndarray, " candidates"]:
+        """For emcee, which would print the traceback of an interruption: it is kept in `fault`."""
+        if self.fault is None:
+            try:
+                return self.heights(candidates)
+            except BaseException as fault:
+                self.fault = fault
+        return np.full(len(candidates), IMPOSSIBLE)
+
+    def heights(self, candidates: Float[np.ndarray, "candidates told"]) -> Float[np.ndarray, " candidates"]:
+        """The logarithm of the density."""
         whole = np.tile(self.u, (len(candidates), 1))
         whole[:, self.told] = candidates
         squares = self.problem.comparison.rows * np.array(self.problem.mse(list(whole)))
@@ -135,13 +148,13 @@ def _start(
     spread = deviation * min(1.0, FARTHEST_START / float(deviation.max()))  # along the valley, where there is one
     correlation = found.correlation[np.ix_(told, told)]
     away = spread * random.multivariate_normal(np.zeros(len(told)), correlation, walkers, check_valid="ignore")
-    heights = density(density.u[told] + away)
+    heights = density.heights(density.u[told] + away)
     for _ in range(NEARER):
         lost = heights <= IMPOSSIBLE
         if not lost.any():
             break
         away[lost] *= 0.5
-        heights[lost] = density(density.u[told] + away[lost])
+        heights[lost] = density.heights(density.u[told] + away[lost])
     return density.u[told] + away, heights
 
 
