@@ -25,14 +25,15 @@ def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]
     """
     quiet_lightning()
     materials = [material_named(name, "problem.materials") for name in options["materials"]]
-    methods, seeds = names(options, "methods", METHODS), whole(options, "seeds")
+    methods = names(options, "methods", METHODS)
     lengths = {method: wholes(options["iterations"], method) for method in METHODS}
+    seeds = {method: whole(options["seeds"], method) for method in METHODS}
     cases = [
         (material, method, length, seed)
         for material in materials
         for method in methods
         for length in lengths[method]
-        for seed in (range(seeds) if length == max(lengths[method]) else (0,))
+        for seed in (range(seeds[method]) if length == max(lengths[method]) else (0,))
     ]
     scenes = {name: whole(options, name) for name in ("scenes", "steps")}
     done = Checkpointed.load(context.folder, "training_methods", scenes | {"seed": context.seed})
