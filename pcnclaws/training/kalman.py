@@ -58,7 +58,7 @@ class KalmanModule(MultiSceneModule):
         if not _all_finite(gradients, errors):  # a diverged segment: the iteration is skipped
             return torch.nan * torch.stack([weight.sum() for weight in self.parameters()]).sum()
         self.equations.add(gradients, now, informative, [error**2 + ROUNDING for error in informative])
-        return _descending(self.parameters(), now.double() - self.equations.solution())
+        return _descending(self.parameters(), now.double() - self.equations.solution().to(now.device))
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         return torch.optim.SGD(self.parameters(), lr=1.0)

@@ -61,7 +61,7 @@ SMOKE = {
     ],
     "training_methods": [
         *("problem.iterations.kalman=[1,2]", "problem.iterations.adam=[1]", "problem.seeds.kalman=2"),
-        *("problem.scenes=1", "problem.steps=20"),
+        *("problem.scenes=1", "problem.steps=160"),
     ],
     "training": [
         *("problem.backends=[torch]", "problem.iterations=[1,2]", "problem.train_scenes=2"),
