@@ -101,7 +101,7 @@ def test_gradients_are_those_of_differences(records: list[SceneRecord]) -> None:
 
 
 def test_a_law_is_found_in_a_few_iterations(records: list[SceneRecord], tmp_path: Path) -> None:
-    assert fitted(records, tmp_path / "run") == pytest.approx(1.0, abs=1e-4), "it starts at 0.7, and steps as long as a learning rate would not arrive"
+    assert fitted(records, tmp_path / "run") == pytest.approx(1.0, abs=1e-4)  # from 0.7
 
 
 class _Stopped(Exception):
