@@ -22,7 +22,7 @@ help: ## list the targets
 install: $(INSTALLED) ## make .venv and install the pinned packages and pcnclaws into it
 
 demo: $(INSTALLED) ## make data, train the law of sand, test it on unseen parameters, draw pictures
-	$(RUN) pcnclaws.train experiment=sand_multi
+	$(RUN) pcnclaws.train experiment=sand_multi training=kalman
 
 test: $(INSTALLED) ## run the tests that take seconds
 	$(PYTEST) -m "not slow and not gpu"

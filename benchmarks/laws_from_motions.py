@@ -1,6 +1,7 @@
 """Laws of a material trained on recorded motions of a data set, and their errors on others."""
 
 import tempfile
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.training.kalman import KalmanModule
 from pcnclaws.training.loop import Loop
 from pcnclaws.training.module import OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
@@ -29,9 +31,11 @@ from pcnclaws.training.sources import show_deformations
 from pcnclaws.training.trainer import fit
 
 EVERY, KEYFRAME_EVERY = 5, 20
-# As in conf/training/short.yaml and initial.yaml.
+# As in conf/training/short.yaml, kalman.yaml and initial.yaml.
 SHORT = {"segments": 8, "first": 5, "last": 5}
 INITIAL = {"segments": 2, "start": "initial", "first": 150, "last": 400}
+
+METHODS: dict[str, type[MultiSceneModule]] = {"adam": MultiSceneModule, "kalman": KalmanModule}
 
 Motions = dict[str, list[SceneRecord]]
 
@@ -40,6 +44,9 @@ class Recipe(NamedTuple):
     """How a law is trained: from full states as `training=short`, or from positions alone as `training=initial`.
 
     rate, average  learning rate, and power of the average of weights; None: those of these files
+    method   as training.method; 'kalman' with the segments of `training=kalman`, which are those of `training=short`
+    seed     of the weights and of the segments, None for that of the benchmark
+    checks   of the training; the best one is kept
     """
 
     model: str = "pcnclaws"
@@ -47,13 +54,24 @@ class Recipe(NamedTuple):
     positions_only: bool = False
     rate: float | None = None
     average: float | None = None
+    method: str = "adam"
+    seed: int | None = None
+    checks: int = 4
 
 
 class Trained(NamedTuple):
-    """Squared errors of a trained law on each test object [m^2], none where one diverges, and the scenes it names."""
+    """A trained law.
+
+    errors       squared errors on each test object [m^2], none where one diverges
+    named        the scenes that contradict the others
+    checked      error of the validation scenes [m^2], None where no check was finite
+    cpu_seconds  of the processor, its checks included
+    """
 
     errors: list[float]
     named: list[str]
+    checked: float | None
+    cpu_seconds: float
 
     @property
     def mean(self) -> float | None:
@@ -79,24 +97,29 @@ def trained(
     material: Material, motions: Motions, recipe: Recipe, iterations: int, context: BenchmarkContext
 ) -> Trained:
     """The errors, on the motions of "test", of a law trained on those of "train" and checked with "validation"."""
-    torch.manual_seed(context.seed)
+    seed = context.seed if recipe.seed is None else recipe.seed
+    torch.manual_seed(seed)
     model = build_model(material, {"name": recipe.model})
     laws = model.laws
     assert laws is not None  # noqa: S101
     show_deformations(laws.elasticity, motions["train"])
-    plan = SegmentPlan(iterations, seed=context.seed, **(INITIAL if recipe.positions_only else SHORT))  # pyright: ignore[reportArgumentType]
-    segments = TrajectoryDataModule(motions["train"], motions["validation"], plan, check_every=max(iterations // 4, 1))
+    plan = SegmentPlan(iterations, seed=seed, **(INITIAL if recipe.positions_only else SHORT))  # pyright: ignore[reportArgumentType]
+    every = max(iterations // recipe.checks, 1)
+    segments = TrajectoryDataModule(motions["train"], motions["validation"], plan, check_every=every)
     rate, average = (3e-3, None) if recipe.positions_only else (5e-3, 8.0)
-    settings = OptimiserSettings(recipe.rate or rate, gradient_clip=10.0, loss=recipe.loss)
-    module = MultiSceneModule(laws, segments.dataset.settings, settings, iterations)
+    clip = 10.0 if recipe.method == "adam" else None
+    settings = OptimiserSettings(recipe.rate or rate, gradient_clip=clip, loss=recipe.loss)
+    module = METHODS[recipe.method](laws, segments.dataset.settings, settings, iterations)
     loop = Loop(logger="csv", average=recipe.average or average, pictures=False)
+    began, checked, errors = time.process_time(), None, []
     try:
         with tempfile.TemporaryDirectory() as folder:
-            fit(module, segments, Path(folder), context.device, loop, console=Console(quiet=True))
+            checked = fit(module, segments, Path(folder), context.device, loop, console=Console(quiet=True)).best.mse
+        seconds = time.process_time() - began
         errors = [one.mse for one in evaluate_records(motions["test"], model)]
     except SimulationDiverged:
-        errors = []
-    return Trained(errors, sorted(module.contradicting()))
+        seconds = time.process_time() - began
+    return Trained(errors, sorted(module.contradicting()), checked, seconds)
 
 
 def positions_alone(records: Sequence[SceneRecord]) -> list[SceneRecord]:

@@ -23,6 +23,7 @@ from benchmarks import (
     skips,
     stability,
     step_cost,
+    training_methods,
     transfers,
     which_material,
 )
@@ -68,6 +69,7 @@ PROBLEMS = {
     "step_cost": Problem(step_cost.run, step_cost.draw, step_cost.tables),
     "stress": Problem(stress.run, stress.draw, stress.tables),
     "training": Problem(training.run, training.draw, training.tables),
+    "training_methods": Problem(training_methods.run, training_methods.draw, training_methods.tables),
     "transfers": Problem(transfers.run, transfers.draw, transfers.tables),
     "verification": Problem(verification.run, verification.draw, verification.tables),
     "which_material": Problem(which_material.run, which_material.draw, which_material.tables),

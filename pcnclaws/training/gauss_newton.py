@@ -16,7 +16,7 @@ from pcnclaws.laws.analytic import Laws
 from pcnclaws.laws.networks import ConditionedAmounts
 from pcnclaws.simulation.rollout import differentiable_rollout
 from pcnclaws.simulation.simulator import Simulator
-from pcnclaws.training.losses import position_loss, relative_scales, unstressed_positions
+from pcnclaws.training.losses import position_loss, relative_units, unstressed_positions
 from pcnclaws.training.multi_scene import MultiSceneModule
 
 # What keeps amounts that no segment shows at zero.
@@ -117,8 +117,7 @@ class GaussNewtonModule(MultiSceneModule):
         time_step = cast(Simulator, self.simulators[batch.group]).integrator.settings.time_step
         times = range(batch.every, batch.steps + 1, batch.every)
         unstressed = unstressed_positions(state, scenes, time_step, times)
-        observations, scale = relative_scales(batch.target, unstressed, scenes.scene_index, scenes.scene_count)
-        unit = (observations * scale).rsqrt()[scenes.scene_index]
+        unit = relative_units(batch.target, unstressed, scenes.scene_index, scenes.scene_count)
         observed = ~torch.isnan(batch.target)
         residual = torch.where(observed, predicted - torch.where(observed, batch.target, 0.0), 0.0) * unit
         return residual, torch.where(observed, derivatives, 0.0) * unit

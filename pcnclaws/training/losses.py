@@ -53,6 +53,14 @@ def relative_scales(
     return observations, (_of_segments(moved, segments, count) / observations).detach() + NEGLIGIBLE
 
 
+def relative_units(
+    target: Positions, unstressed: Positions, segments: SceneIndex, count: int
+) -> Float[Tensor, " particles"]:
+    """What position errors are multiplied with [1/m], so that their squares add up to relative_errors."""
+    observations, scale = relative_scales(target, unstressed, segments, count)
+    return (observations * scale).rsqrt()[segments]
+
+
 def _of_segments(values: Tensor, segments: SceneIndex, count: int) -> Float[Tensor, " segments"]:
     return values.new_zeros(count).index_add(0, segments, values.sum((0, 1)))
 

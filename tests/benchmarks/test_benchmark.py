@@ -63,6 +63,10 @@ SMOKE = {
         *("problem.transfers=[apic,axpic2]", "problem.cells=4", "problem.cfl=[0.2]", "problem.periods=1"),
         *("problem.long_cfl=0.4", "problem.long_periods=2", "problem.scenes=1", "problem.steps=2", "problem.samples=1"),
     ],
+    "training_methods": [
+        *("problem.iterations.kalman=[1,2]", "problem.iterations.adam=[1]", "problem.seeds.kalman=2"),
+        *("problem.scenes=1", "problem.steps=160"),
+    ],
     "training": [
         *("problem.backends=[torch]", "problem.iterations=[1,2]", "problem.train_scenes=2"),
         *("problem.particles_per_edge=6", "problem.steps=20"),
@@ -79,6 +83,7 @@ DEAR = (
     "foreign_laws",
     "return_maps",
     "imperfect_data",
+    "training_methods",
     "training",
     "scaling",
     "step_cost",
@@ -186,6 +191,13 @@ def check_imperfect_data(results: dict) -> None:
         assert 0.0 < row["unseen"] == pytest.approx(sum(row["scenes"]) / 3)
 
 
+def check_training_methods(results: dict) -> None:
+    rows = [(row["method"], row["iterations"], row["seed"]) for row in results["rows"]]
+    assert rows == [("kalman", 1, 0), ("kalman", 2, 0), ("kalman", 2, 1), ("adam", 1, 0)]
+    for row in results["rows"]:
+        assert row["cpu_seconds"] > 0.0 < row["unseen"] == pytest.approx(sum(row["scenes"]) / 3)
+
+
 CHECKS = {
     "coverage": check_coverage,
     "data_parallel": check_data_parallel,
@@ -199,6 +211,7 @@ CHECKS = {
     "scaling": check_scaling,
     "skips": check_skips,
     "training": check_training,
+    "training_methods": check_training_methods,
     "transfers": check_transfers,
 }
 

@@ -64,6 +64,7 @@ def test_shares_of_a_batch_make_up_its_means(count: int) -> None:
     ("options", "message"),
     [
         (("trainer.devices=2", *GAUSS_NEWTON), "trainer.devices=2 is not accepted with training.method=gauss_newton"),
+        (("trainer.devices=2", "training=kalman"), "trainer.devices=2 is not accepted with training.method=kalman"),
         (("trainer.devices=2", "trainer.num_nodes=2"), "trainer.num_nodes=2 is not accepted; accepted: 1"),
         (("trainer=ddp", "trainer.strategy=fsdp"), "trainer.strategy='fsdp' is not known; accepted: auto, ddp"),
         (("trainer=dpp",), "did you mean 'ddp'"),
