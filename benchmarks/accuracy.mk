@@ -13,6 +13,7 @@ shown_outside_range := map
 # options of the training of each row
 multi := training=thorough
 short :=
+kalman := training=kalman
 quick := training=keyframes
 single := training=keyframes regime=single_scene training.iterations=400
 paper_training = training=$(if $(filter elasticity,$(1)),paper,paper_plastic)
@@ -51,6 +52,7 @@ tasks_free_flow_positions := $(BRIEF)
 tasks_structure := $(PAPER_TASKS)
 tasks_no_prior := $(PAPER_TASKS)
 tasks_energy := $(TASKS) outside_range
+tasks_kalman := $(TASKS) outside_range
 tasks_quick := $(BRIEF)
 tasks_scenes_4 := unseen
 tasks_scenes_8 := unseen
@@ -94,7 +96,7 @@ rows = $(foreach name,$(1),$(foreach material,$(2),$(eval $(call row,$(material)
 $(call rows,multi single,$(FAMILY))
 $(call rows,multi_positions structure,$(FAMILY) $(OUTSIDERS))
 $(call rows,long_positions free_flow_positions,tresca)
-$(call rows,short quick no_prior multi_paper single_paper scenes_4 scenes_8 scenes_24,$(FAMILY))
+$(call rows,short kalman quick no_prior multi_paper single_paper scenes_4 scenes_8 scenes_24,$(FAMILY))
 $(call rows,energy,elasticity)
 $(call rows,$(SEEDS),sand)
 $(call rows,$(VARIATIONS),elasticity sand)

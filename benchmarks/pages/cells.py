@@ -15,6 +15,7 @@ ROWS = {
     "multi_paper": "-M, the paper's networks",
     "single_paper": "-S, the paper's networks",
     "quick_paper": "-M, the paper's networks before their units, short training",
+    "kalman": "-M, by a Kalman filter (`training=kalman`)",
     "short": "-M, short training (`training=short`)",
     "quick": "-M, 200 iterations without averages (`training=keyframes`)",
     "no_prior": "-M without the prior",
