@@ -22,15 +22,19 @@ from pcnclaws.simulation.execution import Execution
 from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
+from pcnclaws.training.levenberg_marquardt import LevenbergMarquardtModule
 from pcnclaws.training.loop import Loop
 from pcnclaws.training.module import OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
 from pcnclaws.training.sources import show_deformations
 from pcnclaws.training.trainer import fit
+from pcnclaws.training.weights import set_model_weights
 
 EVERY, KEYFRAME_EVERY = 5, 20
 # As in conf/training/short.yaml and initial.yaml.
 SHORT = {"segments": 8, "first": 5, "last": 5}
+# As in conf/training/levenberg_marquardt.yaml.
+LEAST_SQUARES = {"segments": 12, "start": "initial", "first": 200, "last": 300}
 INITIAL = {"segments": 2, "start": "initial", "first": 150, "last": 400}
 
 Motions = dict[str, list[SceneRecord]]
@@ -39,14 +43,13 @@ Motions = dict[str, list[SceneRecord]]
 class Recipe(NamedTuple):
     """How a law is trained: from full states as `training=short`, or from positions alone as `training=initial`.
 
-    rate, average  learning rate, and power of the average of weights; None: those of these files
+    least_squares  from positions as `training=levenberg_marquardt`
     """
 
     model: str = "pcnclaws"
     loss: str = "relative"
     positions_only: bool = False
-    rate: float | None = None
-    average: float | None = None
+    least_squares: bool = False
 
 
 class Trained(NamedTuple):
@@ -84,15 +87,20 @@ def trained(
     laws = model.laws
     assert laws is not None  # noqa: S101
     show_deformations(laws.elasticity, motions["train"])
-    plan = SegmentPlan(iterations, seed=context.seed, **(INITIAL if recipe.positions_only else SHORT))  # pyright: ignore[reportArgumentType]
-    segments = TrajectoryDataModule(motions["train"], motions["validation"], plan, check_every=max(iterations // 4, 1))
-    rate, average = (3e-3, None) if recipe.positions_only else (5e-3, 8.0)
-    settings = OptimiserSettings(recipe.rate or rate, gradient_clip=10.0, loss=recipe.loss)
-    module = MultiSceneModule(laws, segments.dataset.settings, settings, iterations)
-    loop = Loop(logger="csv", average=recipe.average or average, pictures=False)
+    least = recipe.least_squares
+    segmented = LEAST_SQUARES if least else INITIAL if recipe.positions_only else SHORT
+    plan = SegmentPlan(iterations, seed=context.seed, **segmented)  # pyright: ignore[reportArgumentType]
+    precision, check_every = (torch.float64, 1) if least else (torch.float32, max(iterations // 4, 1))
+    segments = TrajectoryDataModule(motions["train"], motions["validation"], plan, check_every, precision)
+    rate = 3e-3 if recipe.positions_only else 5e-3
+    settings = OptimiserSettings(rate, gradient_clip=None if least else 10.0, loss=recipe.loss)
+    kind = LevenbergMarquardtModule if least else MultiSceneModule
+    module = kind(laws, segments.dataset.settings, settings, iterations)
+    loop = Loop(logger="csv", average=None if recipe.positions_only or least else 8.0, pictures=False)
     try:
         with tempfile.TemporaryDirectory() as folder:
-            fit(module, segments, Path(folder), context.device, loop, console=Console(quiet=True))
+            found = fit(module, segments, Path(folder), context.device, loop, console=Console(quiet=True))
+        set_model_weights(model, found.best.weights, "the best weights")
         errors = [one.mse for one in evaluate_records(motions["test"], model)]
     except SimulationDiverged:
         errors = []

@@ -16,6 +16,7 @@ from pcnclaws.laws.analytic import Laws
 from pcnclaws.simulation.motion import MotionModel, SceneSimulator
 from pcnclaws.training.budget import WallClock
 from pcnclaws.training.gauss_newton import GaussNewtonModule
+from pcnclaws.training.levenberg_marquardt import LevenbergMarquardtModule
 from pcnclaws.training.loop import Loop
 from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
@@ -25,7 +26,12 @@ from pcnclaws.training.sources import TrainingScenes, show_deformations
 from pcnclaws.training.watched import WatchedModule
 
 REGIMES: dict[str, type[ConstitutiveModule]] = {"multi_scene": MultiSceneModule, "single_scene": SingleSceneModule}
-METHODS = ("adam", "gauss_newton")
+# Of least squares, in double precision; Adam is that of the regime.
+LEAST_SQUARES: dict[str, type[GaussNewtonModule]] = {
+    "gauss_newton": GaussNewtonModule,
+    "levenberg_marquardt": LevenbergMarquardtModule,
+}
+METHODS = ("adam", *LEAST_SQUARES)
 # Noise of the positions that a model of motion is trained with, unless training.noise says another [m].
 NO_NOISE = 0.0
 
@@ -100,14 +106,14 @@ def setup(config: TrainConfig, model: SceneSimulator, scenes: TrainingScenes, ch
 
 def _simulated(config: TrainConfig, laws: Laws, scenes: TrainingScenes, check_every: int) -> Prepared:
     show_deformations(laws.elasticity, scenes.training, beside=config.training.init is not None)
-    plan, second_order = _plan(config), config.training.method == "gauss_newton"
-    precision = torch.float64 if second_order else precision_from(config.precision)
+    plan, method = _plan(config), config.training.method
+    precision = torch.float64 if method in LEAST_SQUARES else precision_from(config.precision)
     data = TrajectoryDataModule(scenes.training, scenes.validation, plan, check_every, precision)
     data.dataset.internal_variables = laws.internal_variables
     settings = data.dataset.settings
-    regime = GaussNewtonModule if second_order else regime_from(config)
-    if second_order:
-        _check_alone(config, "training.method=gauss_newton")
+    regime = LEAST_SQUARES.get(method) or regime_from(config)
+    if method in LEAST_SQUARES:
+        _check_alone(config, f"training.method={method}")
     module = regime(laws, settings, _optimiser(config), plan.iterations, skips_from(config.simulation))
     return module, data, (*data.dataset.notes, _segments_in_words(data.dataset)) if plan.iterations else ()
 

@@ -220,6 +220,11 @@ RULES: Mapping[str, Sequence[Rule]] = {
             _is("training.method", "gauss_newton"),
         ),
         Rule(
+            ("training.loss", "training.loss_scale", "training.learning_rate", "training.gradient_clip"),
+            "with training.method=levenberg_marquardt, which has no learning rate and the loss 'relative'",
+            _is("training.method", "levenberg_marquardt"),
+        ),
+        Rule(
             (*OF_FITTING, *OF_SEGMENTS),
             "with training.iterations=0",
             _is("training.iterations", 0),

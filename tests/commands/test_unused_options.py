@@ -38,6 +38,7 @@ IDLE = [
     ("estimate", "scene.spin=[0,0,1]", ["observation.file=x.csv", "scene.shape=cube"]),
     ("estimate", "observation.scene=a", ["observation.file=x.csv"]),
     ("train", "training.learning_rate=0.1", ["training.method=gauss_newton"]),
+    ("train", "training.learning_rate=0.1", ["training.method=levenberg_marquardt"]),
     ("train", "model.width=32", ["material.name=elasticity", "model.name=pcnclaws_energy"]),
     ("train", "data.speed=6", ["data.trajectories=x.h5"]),
     ("estimate", "estimator.learning_rate=0.2", []),
