@@ -19,7 +19,7 @@ from pcnclaws.training.trainer import quiet_lightning
 # For elastic materials and for those that flow.
 MODELS = {False: ("pcnclaws", "pcnclaws_energy"), True: ("pcnclaws", "pcnclaws_free_flow", "pcnclaws_convex")}
 # Those that Levenberg-Marquardt finds, from positions alone; Adam the others.
-LEAST_SQUARES = ("pcnclaws_convex",)
+LEAST_SQUARES = ("pcnclaws_energy", "pcnclaws_convex")
 
 
 def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]:

@@ -1,11 +1,11 @@
-"""Levenberg-Marquardt for the amounts of a plastic law, from whole motions: a few steps instead of many of Adam."""
+"""Levenberg-Marquardt for the amounts of a law, from whole motions: a few steps instead of many of Adam."""
 
 import math
 from collections.abc import Sequence
-from typing import Protocol, cast
+from typing import Protocol, cast, runtime_checkable
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from pcnclaws.data.dataset import SegmentBatch
 from pcnclaws.errors import SimulationDiverged, UserError
@@ -27,7 +27,7 @@ SHARE_OF_MEAN, RIDGE = 1e-3, 1e-3
 
 
 class LevenbergMarquardtModule(GaussNewtonModule):
-    """Damped least squares of the plastic law's amounts, each step from its own batch.
+    """Damped least squares of the amounts of the plastic law, or of a purely elastic one, each step from its own batch.
 
         (A + d (diag A + SHARE_OF_MEAN mean(diag A)) + RIDGE I) dw = - g - RIDGE w
         A = sum_s f_s J_s^T J_s,   g = sum_s f_s J_s^T r_s
@@ -35,7 +35,7 @@ class LevenbergMarquardtModule(GaussNewtonModule):
     with residuals r_s, derivatives J_s and factors f_s as in GaussNewtonModule. A step is taken if it lowers the
     misfit, sum_s log(|r_s|^2 + ROUNDING) + RIDGE |w|^2, whose gradient has these factors; otherwise the damping d
     grows. No weight moves further than FARTHEST. Before it, the law's own alternatives are tried: bounds that no body
-    reaches have no gradient, and are found by jumps. The elastic law stays what it was.
+    reaches have no gradient, and are found by jumps. The elastic law beside a plastic one stays what it was.
 
     source  Marquardt 1963, "An algorithm for least-squares estimation of nonlinear parameters"
     """
@@ -48,19 +48,15 @@ class LevenbergMarquardtModule(GaussNewtonModule):
 
     @staticmethod
     def check(laws: Laws) -> None:
-        if not isinstance(getattr(laws.plasticity, "amounts", None), ConditionedAmounts):
+        if not isinstance(getattr(_found(laws), "amounts", None), ConditionedAmounts):
             raise UserError(
-                "training.method=levenberg_marquardt needs a plastic law with amounts; accepted: model=pcnclaws_convex "
-                "with a material that flows, or training.method=adam"
+                "training.method=levenberg_marquardt needs a law with amounts; accepted: model=pcnclaws_convex with a "
+                "material that flows, model=pcnclaws_energy with a purely elastic one, or training.method=adam"
             )
 
     @property
-    def _plasticity(self) -> "_LawOfAmounts":
-        return cast(_LawOfAmounts, self.laws.plasticity)
-
-    @property
     def _amounts(self) -> ConditionedAmounts:
-        return self._plasticity.amounts
+        return cast(ConditionedAmounts, _found(self.laws).amounts)
 
     def training_step(self, batch: SegmentBatch, batch_idx: int) -> Tensor:
         """A loss whose gradient is the way to the new weights, backwards, as in GaussNewtonModule."""
@@ -76,7 +72,8 @@ class LevenbergMarquardtModule(GaussNewtonModule):
 
     def _jumped(self, batch: SegmentBatch, now: Tensor, position: Tensor) -> tuple[Tensor, Tensor]:
         """The weights with the least misfit among these and the law's alternatives to them, and their positions."""
-        others = self._plasticity.alternatives()
+        law = _found(self.laws)
+        others = law.alternatives() if isinstance(law, _HasAlternatives) else ()
         candidates = [(now, position), *((other, self._positions_with(batch, other)) for other in others)]
         return min(candidates, key=lambda candidate: self._misfit(batch, *candidate))
 
@@ -133,9 +130,13 @@ class LevenbergMarquardtModule(GaussNewtonModule):
         return found if math.isfinite(found) else math.inf
 
 
-class _LawOfAmounts(Protocol):
-    """A plastic law of amounts, which knows other weights that are worth a try."""
-
-    amounts: ConditionedAmounts
+@runtime_checkable
+class _HasAlternatives(Protocol):
+    """A law that knows other weights of its amounts that are worth a try."""
 
     def alternatives(self) -> Sequence[Tensor]: ...
+
+
+def _found(laws: Laws) -> nn.Module:
+    """The law that is found: the plastic one, where there is one."""
+    return laws.elasticity if laws.plasticity is None else laws.plasticity
