@@ -18,8 +18,8 @@ from pcnclaws.training.trainer import quiet_lightning
 
 # For elastic materials and for those that flow.
 MODELS = {False: ("pcnclaws", "pcnclaws_energy"), True: ("pcnclaws", "pcnclaws_free_flow", "pcnclaws_convex")}
-# Polynomials instead of networks: a rollout costs a third, and weights have further to go.
-CONVEX, CONVEX_RATE, CONVEX_AVERAGE = "pcnclaws_convex", 1e-2, 8.0
+# Those that Levenberg-Marquardt finds, from positions alone; Adam the others.
+LEAST_SQUARES = ("pcnclaws_energy", "pcnclaws_convex")
 
 
 def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]:
@@ -31,8 +31,8 @@ def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]
     quiet_lightning()
     materials = [FOREIGN[name] for name in names(options, "materials", FOREIGN)]
     models = names(options, "models", {name: None for some in MODELS.values() for name in some})
-    alone, iterations = bool(options["positions_only"]), dict.fromkeys(models, whole(options, "iterations"))
-    iterations |= {CONVEX: whole(options, "iterations_of_convex")}
+    alone, iterations = bool(options["positions_only"]), whole(options, "iterations")
+    steps = whole(options, "iterations_of_least_squares")
     orders = [
         (material, model) for material in materials for model in MODELS[material.plastic is not None] if model in models
     ]
@@ -52,18 +52,16 @@ def run(options: Mapping[str, Any], context: BenchmarkContext) -> dict[str, Any]
                 seen = {name: positions_alone(motions[name]) for name in ("train", "validation")} if alone else {}
                 known[material.name] = motions | seen
             began = time.monotonic()
-            found = trained(material, known[material.name], _recipe(model, alone), iterations[model], context)
+            least = model in LEAST_SQUARES
+            method = "levenberg_marquardt" if least else "adam"
+            recipe = Recipe(model, positions_only=alone or least, method=method)
+            found = trained(material, known[material.name], recipe, steps if least else iterations, context)
             return {"unseen": found.mean, "scenes": found.errors, "seconds": time.monotonic() - began}
 
         row = done.row(f"{material.name}, {model}", made)
         rows.append({"material": material.name, "model": model, "positions_only": alone, **row})
     context.advance(len(orders), len(orders), "done")
     return {"rows": rows}
-
-
-def _recipe(model: str, alone: bool) -> Recipe:
-    recipe = Recipe(model, positions_only=alone)
-    return recipe._replace(rate=CONVEX_RATE, average=CONVEX_AVERAGE) if model == CONVEX else recipe
 
 
 def tables(document: Mapping[str, Any]) -> list[Table]:

@@ -24,18 +24,26 @@ from pcnclaws.simulation.recorded_runs import simulate_records
 from pcnclaws.simulation.recording import FramePlan
 from pcnclaws.simulation.records import SceneRecord
 from pcnclaws.training.kalman import KalmanModule
+from pcnclaws.training.levenberg_marquardt import LevenbergMarquardtModule
 from pcnclaws.training.loop import Loop
 from pcnclaws.training.module import OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
 from pcnclaws.training.sources import show_deformations
 from pcnclaws.training.trainer import fit
+from pcnclaws.training.weights import set_model_weights
 
 EVERY, KEYFRAME_EVERY = 5, 20
 # As in conf/training/short.yaml, kalman.yaml and initial.yaml.
 SHORT = {"segments": 8, "first": 5, "last": 5}
+# As in conf/training/levenberg_marquardt.yaml.
+LEAST_SQUARES = {"segments": 12, "start": "initial", "first": 200, "last": 300}
 INITIAL = {"segments": 2, "start": "initial", "first": 150, "last": 400}
 
-METHODS: dict[str, type[MultiSceneModule]] = {"adam": MultiSceneModule, "kalman": KalmanModule}
+METHODS: dict[str, type[MultiSceneModule]] = {
+    "adam": MultiSceneModule,
+    "kalman": KalmanModule,
+    "levenberg_marquardt": LevenbergMarquardtModule,
+}
 
 Motions = dict[str, list[SceneRecord]]
 
@@ -44,7 +52,8 @@ class Recipe(NamedTuple):
     """How a law is trained: from full states as `training=short`, or from positions alone as `training=initial`.
 
     rate, average  learning rate, and power of the average of weights; None: those of these files
-    method   as training.method; 'kalman' with the segments of `training=kalman`, which are those of `training=short`
+    method   as training.method; 'kalman' with the segments of `training=kalman`, which are those of `training=short`;
+             'levenberg_marquardt' with those of `training=levenberg_marquardt`, from positions
     seed     of the weights and of the segments, None for that of the benchmark
     checks   of the training; the best one is kept
     """
@@ -103,10 +112,13 @@ def trained(
     laws = model.laws
     assert laws is not None  # noqa: S101
     show_deformations(laws.elasticity, motions["train"])
-    plan = SegmentPlan(iterations, seed=seed, **(INITIAL if recipe.positions_only else SHORT))  # pyright: ignore[reportArgumentType]
-    every = max(iterations // recipe.checks, 1)
-    segments = TrajectoryDataModule(motions["train"], motions["validation"], plan, check_every=every)
-    rate, average = (3e-3, None) if recipe.positions_only else (5e-3, 8.0)
+    least = recipe.method == "levenberg_marquardt"
+    segmented = LEAST_SQUARES if least else INITIAL if recipe.positions_only else SHORT
+    plan = SegmentPlan(iterations, seed=seed, **segmented)  # pyright: ignore[reportArgumentType]
+    every, precision = (1, torch.float64) if least else (max(iterations // recipe.checks, 1), torch.float32)
+    segments = TrajectoryDataModule(motions["train"], motions["validation"], plan, every, precision)
+    rate = 3e-3 if recipe.positions_only else 5e-3
+    average = None if recipe.positions_only or least else 8.0
     clip = 10.0 if recipe.method == "adam" else None
     settings = OptimiserSettings(recipe.rate or rate, gradient_clip=clip, loss=recipe.loss)
     module = METHODS[recipe.method](laws, segments.dataset.settings, settings, iterations)
@@ -114,8 +126,9 @@ def trained(
     began, checked, errors = time.process_time(), None, []
     try:
         with tempfile.TemporaryDirectory() as folder:
-            checked = fit(module, segments, Path(folder), context.device, loop, console=Console(quiet=True)).best.mse
-        seconds = time.process_time() - began
+            best = fit(module, segments, Path(folder), context.device, loop, console=Console(quiet=True)).best
+        set_model_weights(model, best.weights, "the best weights")
+        checked, seconds = best.mse, time.process_time() - began
         errors = [one.mse for one in evaluate_records(motions["test"], model)]
     except SimulationDiverged:
         seconds = time.process_time() - began

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from pcnclaws.evaluation.tasks import evaluate_records
 from pcnclaws.laws.analytic import Laws, analytic_laws
 from pcnclaws.laws.base import Plasticity
 from pcnclaws.laws.materials import MATERIALS, Material
+from pcnclaws.laws.neural_convex import ConvexPlasticNet
 from pcnclaws.laws.operations import deviator
 from pcnclaws.laws.registry import register
 from pcnclaws.simulation.law_simulator import LawSimulator
@@ -82,6 +83,8 @@ def _fitted(material: Material, laws: Laws, samples: int, iterations: int, seed:
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, iterations)
     generator = torch.Generator().manual_seed(seed)
     bodies = draw_parameters(material, 256, (seed, 7))
+    if isinstance(learned, ConvexPlasticNet):
+        _begin(learned, lambda: _residuals(learned, true, bodies, samples, torch.Generator().manual_seed(seed))[0])
     for _ in range(iterations):
         residual, _ = _residuals(learned, true, bodies, samples, generator)
         optimiser.zero_grad()
@@ -95,6 +98,16 @@ def _fitted(material: Material, laws: Laws, samples: int, iterations: int, seed:
     flows = ~torch.isnan(lode)
     by_lode = [_root_mean_square(residual[flows & (bins == k)]) for k in range(BINS)]
     return {"residual": _root_mean_square(residual[flows]), "by_lode": by_lode}
+
+
+def _begin(learned: ConvexPlasticNet, residuals: Callable[[], Tensor]) -> None:
+    """The law's alternative with the least residual: a bound on compression that nothing reaches has no gradient."""
+    found = []
+    with torch.no_grad():
+        for weight in learned.alternatives():
+            learned.amounts.weight.copy_(weight)
+            found.append((float(residuals().square().mean()), weight))
+        learned.amounts.weight.copy_(min(found, key=lambda one: one[0])[1])
 
 
 def _residuals(

@@ -17,6 +17,7 @@ from pcnclaws.simulation.motion import MotionModel, SceneSimulator
 from pcnclaws.training.budget import WallClock
 from pcnclaws.training.gauss_newton import GaussNewtonModule
 from pcnclaws.training.kalman import KalmanModule
+from pcnclaws.training.levenberg_marquardt import LevenbergMarquardtModule
 from pcnclaws.training.loop import Loop
 from pcnclaws.training.module import ConstitutiveModule, OptimiserSettings
 from pcnclaws.training.multi_scene import MultiSceneModule
@@ -31,6 +32,7 @@ METHODS: dict[str, type[ConstitutiveModule] | None] = {
     "adam": None,
     "gauss_newton": GaussNewtonModule,
     "kalman": KalmanModule,
+    "levenberg_marquardt": LevenbergMarquardtModule,
 }
 # Noise of the positions that a model of motion is trained with, unless training.noise says another [m].
 NO_NOISE = 0.0
@@ -107,7 +109,8 @@ def setup(config: TrainConfig, model: SceneSimulator, scenes: TrainingScenes, ch
 def _simulated(config: TrainConfig, laws: Laws, scenes: TrainingScenes, check_every: int) -> Prepared:
     show_deformations(laws.elasticity, scenes.training, beside=config.training.init is not None)
     plan, method = _plan(config), METHODS[config.training.method]
-    precision = torch.float64 if method is GaussNewtonModule else precision_from(config.precision)
+    least_squares = method is not None and issubclass(method, GaussNewtonModule)
+    precision = torch.float64 if least_squares else precision_from(config.precision)
     data = TrajectoryDataModule(scenes.training, scenes.validation, plan, check_every, precision)
     data.dataset.internal_variables = laws.internal_variables
     settings = data.dataset.settings

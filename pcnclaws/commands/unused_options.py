@@ -29,6 +29,10 @@ OF_SEGMENTS = (
     "training.step_back",
 )
 # Further options of a fit.
+OF_ADAM = (
+    *("training.loss", "training.loss_scale", "training.learning_rate", "training.plastic_learning_rate"),
+    "training.gradient_clip",
+)
 OF_FITTING = (
     "training.batch_segments",
     "training.learning_rate",
@@ -142,6 +146,10 @@ def _without_body(options: Options) -> bool:
     return no_body and not _is_table(options)
 
 
+def _draws_nothing(options: Options) -> bool:
+    return _is("screening", 0)(options) and not _is("uncertainty", "sample")(options)
+
+
 def _is_table(options: Options) -> bool:
     return Path(str(options.get("observation.file"))).suffix.lower() == ".csv" or _is_cloud(options)
 
@@ -214,18 +222,13 @@ RULES: Mapping[str, Sequence[Rule]] = {
             "on the stored energy of an elastic material, which has no network",
             lambda options: _elastic(options) and options.get("model.name") == "pcnclaws_energy",
         ),
-        Rule(
-            ("training.loss", "training.loss_scale", "training.learning_rate", "training.gradient_clip"),
-            "with training.method=gauss_newton, which has no learning rate and the loss 'relative'",
-            _is("training.method", "gauss_newton"),
-        ),
-        Rule(
-            (
-                *("training.loss", "training.loss_scale", "training.learning_rate", "training.plastic_learning_rate"),
-                "training.gradient_clip",
-            ),
-            "with training.method=kalman, which has no learning rate and the loss 'relative'",
-            _is("training.method", "kalman"),
+        *(
+            Rule(
+                OF_ADAM,
+                f"with training.method={method}, which has no learning rate and the loss 'relative'",
+                _is("training.method", method),
+            )
+            for method in ("gauss_newton", "kalman", "levenberg_marquardt")
         ),
         Rule(
             (*OF_FITTING, *OF_SEGMENTS),
@@ -256,7 +259,8 @@ RULES: Mapping[str, Sequence[Rule]] = {
             _is_record,
         ),
         Rule(("estimator.learning_rate",), "with estimator=gauss_newton", _is("estimator.name", "gauss_newton")),
-        Rule(("seed",), "with screening=0, which draws nothing", _is("screening", 0), False),
+        Rule(("samples",), "without uncertainty=sample", _is("uncertainty", "linear", "profile")),
+        Rule(("seed",), "with screening=0, which draws nothing", _draws_nothing, False),
     ),
     "export": (
         Rule(("scene", "frame", "surface"), "without trajectory, of which it is a part", _is("trajectory", None)),

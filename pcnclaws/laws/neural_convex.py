@@ -23,9 +23,13 @@ from pcnclaws.tensors.tensor_types import Parameters
 
 # What the amounts are multiplied with: at the learning rates of the other networks they then move as far.
 REACH = 8.0
-# Compression tr h that an untrained law bears: reached by what hits a wall, so that a training sees it.
-UNTRAINED_COMPRESSION = 0.1
+# Compression tr h that an untrained law bears: more than any body meets. A bound that trained bodies come to without
+# need stays within the reach of others.
+UNTRAINED_COMPRESSION = 10.0
+# What a training tries beside: a bound that nothing reaches has no gradient.
+OTHER_COMPRESSIONS = (0.1, 0.03, 0.01)
 LIMITS = ("tension", "compression", "cohesion", "friction")
+_COMPRESSION = LIMITS.index("compression")
 # Square roots of the shares of the gauges, of any sum, of an untrained law: half round, and nothing that is not there.
 UNTRAINED_SHARES = (0.5, 0.5, 1.0, 0.5, 0.5)
 
@@ -72,6 +76,16 @@ class ConvexPlasticNet(Plasticity):
             "normal": (0.25 * math.pi + amounts[-1]).sin().square(),
             **dict(zip(GAUGES, shares, strict=True)),
         }
+
+    def alternatives(self) -> list[Tensor]:
+        """The weights of the amounts with other bounds on compression, the same for all parameters."""
+        found = []
+        for compression in (UNTRAINED_COMPRESSION, *OTHER_COMPRESSIONS):
+            other = self.amounts.weight.detach().clone()
+            other[_COMPRESSION] = 0.0
+            other[_COMPRESSION, 0] = math.log(compression / UNTRAINED_COMPRESSION) / REACH
+            found.append(other)
+        return found
 
     def respond(self, h: Values, p: Any, x: Values, f: Values) -> Values:
         dev, volumetric = deviator(h), trace(h)

@@ -44,13 +44,18 @@ class GaussNewtonModule(MultiSceneModule):
     moment: Tensor
 
     def __init__(self, laws: Laws, *arguments: object, **options: object) -> None:
-        check_linear(laws)
+        self.check(laws)
         # whatever acts beside the elasticity acts here, too: it has no weights
         others = (law if law is None else copy.deepcopy(law).double() for law in laws[1:])
         super().__init__(Laws(copy.deepcopy(laws.elasticity).double(), *others), *arguments, **options)  # type: ignore[arg-type]
         count = self._amounts.weight.numel()
         self.register_buffer("information", torch.zeros(count, count, dtype=torch.float64))
         self.register_buffer("moment", torch.zeros(count, dtype=torch.float64))
+
+    @staticmethod
+    def check(laws: Laws) -> None:
+        """Refuses laws that this method does not serve."""
+        check_linear(laws)
 
     @property
     def _law(self) -> "_LinearLaw":

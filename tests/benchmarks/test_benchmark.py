@@ -48,7 +48,7 @@ SMOKE = {
     ],
     "foreign_laws": [
         *("problem.materials=[ogden,cap]", "problem.scenes=1", "problem.iterations=1", "problem.steps=160"),
-        *("problem.models=[pcnclaws_energy,pcnclaws_convex]", "problem.iterations_of_convex=1"),
+        *("problem.models=[pcnclaws_energy,pcnclaws_convex]", "problem.iterations_of_least_squares=1"),
     ],
     "return_maps": [
         *("problem.materials=[cap]", "problem.models=[pcnclaws_convex]", "problem.samples=64"),

@@ -13,7 +13,14 @@ from benchmarks.foreign_materials import FOREIGN
 from pcnclaws.compiled.backend import using_backend
 from pcnclaws.laws.analytic import analytic_laws
 from pcnclaws.laws.materials import MATERIALS, Material
-from pcnclaws.laws.neural_convex import LIMITS, REACH, UNTRAINED_COMPRESSION, UNTRAINED_SHARES, ConvexPlasticNet
+from pcnclaws.laws.neural_convex import (
+    LIMITS,
+    OTHER_COMPRESSIONS,
+    REACH,
+    UNTRAINED_COMPRESSION,
+    UNTRAINED_SHARES,
+    ConvexPlasticNet,
+)
 from pcnclaws.laws.yield_gauges import GAUGES, gauge, ordered
 
 PLASTIC = ("sand", "tresca")
@@ -125,6 +132,21 @@ def test_laws_of_other_forms_are_among_its_own(name: str) -> None:
     for size in (0.01, 0.1):
         f = deformations(17, size) * (0.99 if name != "tresca" else 1.0)
         torch.testing.assert_close(law(f, parameters), plasticity(f, parameters), rtol=0, atol=1e-9)
+
+
+def test_alternatives_differ_in_the_bound_on_compression_alone_whatever_the_parameters() -> None:
+    material = MATERIALS["sand"]
+    law = stirred(material, 0.1)
+    parameters = {name: torch.tensor(span).double() for name, span in material.ranges.items()}
+    before, bounds = law.coefficients(parameters), []
+    for weight in law.alternatives():
+        with torch.no_grad():
+            law.amounts.weight.copy_(weight)
+        found = dict(law.coefficients(parameters))
+        bounds.append(found.pop("compression"))
+        assert all(torch.equal(value, before[name]) for name, value in found.items())
+    wanted = torch.tensor((UNTRAINED_COMPRESSION, *OTHER_COMPRESSIONS), dtype=torch.float64)[:, None].expand(-1, 2)
+    torch.testing.assert_close(torch.stack(bounds), wanted, rtol=1e-12, atol=0)
 
 
 def test_kernels_and_pytorch_agree_on_the_gradients_also_where_stretches_meet() -> None:
