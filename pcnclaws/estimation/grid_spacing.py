@@ -6,8 +6,8 @@ that grid, and corrects the Jacobian (Broyden). What is left in doubt: three gri
 derivatives of the coarser grid lead to other numbers than the differences of the finer one do.
 
 A few markers, such as those of the corner that hits a wall, may be missed by many times what the others are: contact
-differs most from grid to grid. They count less, as if errors had the distribution of Student.
-source  Lange, Little and Taylor 1989, "Robust statistical modeling using the t distribution"
+differs most from grid to grid. Their errors are taken for larger ones, and they count less. Errors of one size for all
+markers, with that of the first frame, hardly reach where this begins.
 """
 
 import numpy as np
@@ -20,8 +20,8 @@ from pcnclaws.estimation.unknowns import GRID_SPACING
 # Fine simulations that check steps, at most. No more where the step left is a part of a standard deviation: the sum of
 # squares over the noise is to fall by less than this.
 CHECKS, LEAST_CHI_SQUARE, FIRST_DAMPING = 6, 0.5, 1e-6
-# Weights and residual are found in turn, so many times.
-WEIGHINGS = 5
+# Weights and residual are found in turn, so many times. All markers count alike up to so many times the typical error.
+WEIGHINGS, TYPICAL = 5, 2.0
 
 
 def most_alike(coarsest: Stage, coarse: Stage, fine: Stage) -> Stage:
@@ -81,16 +81,15 @@ def along_spacing(coarse: Stage, fine: Stage, weight: np.ndarray | None = None) 
 
 
 def weights_of_parts(at: Linearisation) -> np.ndarray:
-    """Weights of rows (rows,) [-]: about 1, and less for the rows of a marker that is missed by more than others are.
+    """Weights of rows (rows,) [-]: 1, and less for the rows of a marker that is missed by much more than others are.
 
-    w^2 = 2 / (1 + m / median(m)),   m the mean squared residual of the marker
+    w = min(1, 2 sqrt(median(m) / m)),   m the mean squared residual of the marker
     """
     count = np.maximum(np.bincount(at.part), 1)
     square = np.bincount(at.part, np.square(at.residual)) / count
     seen = square[square > 0.0]
-    if not len(seen):
-        return np.ones(len(at.part))
-    return np.sqrt(2.0 / (1.0 + square / np.median(seen)))[at.part]
+    typical = float(np.median(seen)) if len(seen) else 1.0
+    return np.minimum(1.0, TYPICAL * np.sqrt(typical / np.maximum(square, 1e-300)))[at.part]
 
 
 def curvature(coarsest: Stage, coarse: Stage, fine: Stage, u: np.ndarray) -> np.ndarray:
