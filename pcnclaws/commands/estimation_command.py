@@ -149,7 +149,7 @@ def _judged(last: Stage, law_error: float, noise: float | None, *, reckons: bool
     fit = fit_of(problem, u, replace(found, residual=left), noise)
     if reckons and (fit.fitted is False or is_pattern(problem.observation, found.residual)):
         fit = replace(fit, discrepancy=discrepancy_of(problem.observation, found.residual))
-        found = uncertainty(at, problem.unknowns, u, law_error, noise, fit.discrepancy, doubt)
+        found = uncertainty(at, problem.unknowns, u, law_error, noise, discrepancy=fit.discrepancy, doubt=doubt)
     return found, fit
 
 
