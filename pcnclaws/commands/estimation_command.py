@@ -42,14 +42,14 @@ from pcnclaws.data.hdf5 import write_scenes
 from pcnclaws.data.locks import written_alone
 from pcnclaws.data.observation_files import stored_truth
 from pcnclaws.estimation.discrepancy import discrepancy_of, is_pattern
-from pcnclaws.estimation.goodness_of_fit import fit_of
+from pcnclaws.estimation.goodness_of_fit import Fit, fit_of
 from pcnclaws.estimation.inverse import InverseModule
 from pcnclaws.estimation.inverse_search import fit_inverse
 from pcnclaws.estimation.law_error import known_law_error
 from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.refinement import Stage
 from pcnclaws.estimation.tensorboard_log import log_intervals
-from pcnclaws.estimation.uncertainty import uncertainty
+from pcnclaws.estimation.uncertainty import Uncertainty, uncertainty
 from pcnclaws.evaluation.report import write_metrics
 from pcnclaws.guards import counts
 from pcnclaws.laws.materials import Material, material_named
@@ -104,17 +104,12 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     stages = [Stage(problem, module.u, module.linearisation())]
     if finer:
         stages += refined_estimate(finer, stages[0], console)
-    problem, u, at, _ = stages[-1]
-    found = uncertainty(at, problem.unknowns, u, law_error, noise)
-    fit = fit_of(problem, u, found, noise)
-    if reckons and (fit.fitted is False or is_pattern(observation, found.residual)):
-        fit = replace(fit, discrepancy=discrepancy_of(observation, found.residual))
-        found = uncertainty(at, problem.unknowns, u, law_error, noise=noise, discrepancy=fit.discrepancy)
+    found, fit = _judged(stages[-1], law_error, noise, reckons=reckons)
     seen = None
     if kind != LINEAR and not fit.has_intervals:
         console.print(f"uncertainty={kind}: there are no intervals, since the fit has none", markup=False)
     elif kind != LINEAR:
-        found, seen = explored(config, problem, u, found, folder=folder)
+        found, seen = explored(config, stages[-1].problem, stages[-1].u, found, folder=folder)
     history = [
         *module.history,
         *((stage.problem.unknowns.values(stage.u).tolist(), stage.at.mse) for stage in stages[1:]),
@@ -134,7 +129,7 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
         "estimator": estimator.name,
         **result_values(findings, beside),
         **({} if observation.registration is None else {"registration": dict(observation.registration)}),
-        "mse": at.mse,
+        "mse": stages[-1].at.mse,
         "iterations": module.iterations,
         **({} if seen is None else {"uncertainty": {"kind": kind, **seen.values()}}),
         "history": [{"values": list(numbers), "mse": error} for numbers, error in history],
@@ -150,8 +145,20 @@ def _estimate(config: EstimateConfig, output: Path) -> Mapping[str, float | None
     write_metrics(output, values)
     log_intervals(folder, found.estimates, module.iterations, fit.has_intervals)
     shutil.rmtree(folder / "checkpoints", ignore_errors=True)
-    console.print(f"wrote {output}: MSE {at.mse:.2e} m^2 in {values['seconds']:g} s")
+    console.print(f"wrote {output}: MSE {stages[-1].at.mse:.2e} m^2 in {values['seconds']:g} s")
     return _numbers(values)
+
+
+def _judged(last: Stage, law_error: float, noise: float | None, *, reckons: bool) -> tuple[Uncertainty, Fit]:
+    """The uncertainty of the last estimate, and what is left of the motion."""
+    problem, u, at, doubt = last.problem, last.u, last.weighted, last.doubt
+    found = uncertainty(at, problem.unknowns, u, law_error, noise, doubt=doubt)
+    left = found.residual if last.weight is None else found.residual / last.weight
+    fit = fit_of(problem, u, replace(found, residual=left), noise)
+    if reckons and (fit.fitted is False or is_pattern(problem.observation, found.residual)):
+        fit = replace(fit, discrepancy=discrepancy_of(problem.observation, found.residual))
+        found = uncertainty(at, problem.unknowns, u, law_error, noise, discrepancy=fit.discrepancy, doubt=doubt)
+    return found, fit
 
 
 def _numbers(values: Mapping[str, Any]) -> Mapping[str, float | None]:

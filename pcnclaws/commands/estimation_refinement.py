@@ -9,8 +9,9 @@ from pcnclaws.commands.estimation_setup import refinements_from, unknowns_from
 from pcnclaws.commands.observation_setup import observation_from
 from pcnclaws.commands.typed_configs import EstimateConfig
 from pcnclaws.errors import UserError
+from pcnclaws.estimation.grid_spacing import most_alike
 from pcnclaws.estimation.problem import EstimationProblem
-from pcnclaws.estimation.refinement import Stage, along_spacing, refined
+from pcnclaws.estimation.refinement import Stage, refined
 from pcnclaws.laws.materials import Material
 
 
@@ -31,7 +32,8 @@ def refined_estimate(problems: list[EstimationProblem], search: Stage, console: 
                 "  the search on this grid did not come to its end: the numbers are those of its best simulation"
             )
     if len(stages) > 1:
-        stages.append(along_spacing(*stages[-2:]))
+        coarsest, coarse, fine = [search, *stages][-3:]
+        stages.append(most_alike(coarsest, coarse, fine))
         console.print(f"between and beyond them: {_words(stages[-1])}", markup=False)
     return stages
 

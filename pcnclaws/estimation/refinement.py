@@ -8,7 +8,7 @@ source  Broyden 1965, "A class of methods for solving nonlinear simultaneous equ
 
 What a grid does wrong (contact begins early and is soft, motion is damped) grows with its spacing h. Two grids tell how
 the best numbers u and their residual r change with h; where the residual is smallest along this line is the spacing
-that the motion is most like: none for a continuum, that of its own grid for a simulation.
+that the motion is most like: none for a continuum, that of its own grid for a simulation (estimation/grid_spacing.py).
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,7 +18,6 @@ import numpy as np
 
 from pcnclaws.estimation.levenberg_marquardt import LevenbergMarquardt
 from pcnclaws.estimation.problem import EstimationProblem, Linearisation
-from pcnclaws.estimation.unknowns import GRID_SPACING
 
 # Fine simulations on one grid, at most; no more where the mean squared residual falls by less than this share.
 SIMULATIONS, LEAST_GAIN = 8, 2e-3
@@ -33,12 +32,23 @@ class Stage(NamedTuple):
     u        coordinates, (unknowns,)
     at       the residual of that grid, and the Jacobian of it or of a coarser one
     settled  whether the search came to its end
+    doubt    errors of all coordinates in common, one standard deviation of each, (errors, unknowns); None for none
+    weight   how much each row counts, (rows,) [-]; None: all alike
     """
 
     problem: EstimationProblem
     u: np.ndarray
     at: Linearisation
     settled: bool = True
+    doubt: np.ndarray | None = None
+    weight: np.ndarray | None = None
+
+    @property
+    def weighted(self) -> Linearisation:
+        """The residual and its Jacobian, times the weights."""
+        if self.weight is None:
+            return self.at
+        return self.at._replace(residual=self.weight * self.at.residual, jacobian=self.weight * self.at.jacobian)
 
 
 def refined(coarse: Stage, problems: Sequence[EstimationProblem]) -> Iterator[Stage]:
@@ -95,32 +105,3 @@ def followed(start: Stage, problem: EstimationProblem) -> Stage:
 def corrected(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
     """The nearest Jacobian (unknowns, rows) that explains the change of the residual (rows,) by a step (unknowns,)."""
     return jacobian + np.outer(step, change - step @ jacobian) / max(float(step @ step), 1e-300)
-
-
-def along_spacing(coarse: Stage, fine: Stage) -> Stage:
-    """The estimate at the grid spacing that the motion is most like, on the line through two estimates.
-
-    The spacing is an unknown like the others from here on: its row of the Jacobian is the change of the residual along
-    the line, and the other numbers are correlated with it. It does not fall below 0.
-    """
-    unknowns = fine.problem.unknowns
-    (index,) = unknowns.index(GRID_SPACING)
-    spacings = [stage.problem.observation.settings.grid_spacing for stage in (coarse, fine)]
-    ends = [stage.u.copy() for stage in (coarse, fine)]
-    for u, spacing in zip(ends, spacings, strict=True):
-        u[index] = unknowns.sought[index].transform.coordinate(spacing)
-    along = ends[0] - ends[1]
-    change = coarse.at.residual - fine.at.residual
-    # what the other unknowns do not take up; u follows the line by itself
-    others = np.delete(fine.at.jacobian, index, axis=0)
-    alone = change - others.T @ np.linalg.lstsq(others.T, change, rcond=1e-9)[0]
-    square = float(alone @ alone)
-    share = -float(alone @ fine.at.residual) / square if square > 0.0 else 0.0
-    share = max(share, -spacings[1] / (spacings[0] - spacings[1]))
-    u, residual = ends[1] + share * along, fine.at.residual + share * change
-    jacobian = fine.at.jacobian.copy()
-    # d r / d h at fixed other numbers: along the line these change, too
-    fixed = along.copy()
-    fixed[index] = 0.0
-    jacobian[index] = (change - fixed @ jacobian) / along[index]
-    return Stage(fine.problem, u, fine.at._replace(residual=residual, jacobian=jacobian))

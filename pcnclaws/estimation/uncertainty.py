@@ -70,6 +70,7 @@ def uncertainty(
     law_error: float,
     noise: float | None = None,
     discrepancy: Discrepancy | None = None,
+    doubt: Float[np.ndarray, "errors unknowns"] | None = None,
 ) -> Uncertainty:
     """The uncertainty at the end of a search.
 
@@ -78,6 +79,7 @@ def uncertainty(
     law_error  calibrated error of the law [m]
     noise      standard deviation of an observed coordinate [m]; None: that of the residual
     discrepancy  the error of a wrong model, in place of independent errors of that size
+    doubt        errors of all coordinates in common, one standard deviation of each
     """
     rows = at.jacobian.shape[1]
     normal = at.jacobian @ at.jacobian.T
@@ -97,6 +99,8 @@ def uncertainty(
         of_noise[told] = inverse[told] @ discrepancy.projected(at.jacobian[felt]) @ inverse[told]
     of_law = law_error**2 * rows * inverse
     covariance = of_noise + of_law
+    if doubt is not None:
+        covariance = covariance + doubt.T @ doubt
     deviation = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore"):
         share = np.where(felt, np.diag(of_law) / np.diag(covariance), 0.0)

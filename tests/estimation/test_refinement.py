@@ -8,9 +8,11 @@ from observed_bodies import TRUTH, observed, problem_of, solved, start, unknowns
 
 from pcnclaws.data.markers import followed_particles
 from pcnclaws.data.observation import Observation
+from pcnclaws.estimation.grid_spacing import along_spacing, curvature, most_alike, weights_of_parts
 from pcnclaws.estimation.marker_weights import weights_of_growth
 from pcnclaws.estimation.problem import EstimationProblem, Linearisation
-from pcnclaws.estimation.refinement import Stage, along_spacing, corrected, followed
+from pcnclaws.estimation.refinement import Stage, corrected, followed
+from pcnclaws.estimation.uncertainty import uncertainty
 from pcnclaws.estimation.unknowns import GRID_SPACING, SIZE, Unknowns, components_of, make_unknowns
 from pcnclaws.geometry.shapes import particles
 from pcnclaws.laws.materials import MATERIALS
@@ -133,6 +135,80 @@ def test_the_spacing_of_a_motion_is_where_the_residual_is_smallest() -> None:
     np.testing.assert_allclose(found.u, truth, atol=1e-9)
     np.testing.assert_allclose(found.at.residual, 0.0, atol=1e-9)
     np.testing.assert_allclose(found.at.jacobian, jacobian, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def between_grids() -> list[Stage]:
+    """Estimates on three grids of a motion of a spacing between the finer two, the last one 5 % beside its minimum."""
+    truth = list(TRUTH[MATERIAL].values())
+    own = sized(1.75)
+    seen = own.motion(own.unknowns.coordinates(truth))
+    problems = []
+    for times in (1.0, 1.5, 2.0):
+        plain = sized(times, walls=True, grid_spacing=True)
+        problems.append(problem_of(replace(plain.observation, target=seen), plain.unknowns))
+    coarsest, coarse, fine = problems
+    u, at = solved(coarsest, [*truth, 0.0, 0.0, 0.0, 0.05], 2)
+    first = Stage(coarsest, u, at)
+    u, at = solved(coarse, coarse.unknowns.values(u).tolist(), 3)
+    beside = fine.unknowns.values(followed(Stage(coarse, u, at), fine).u)
+    beside[0] *= 1.05
+    v = fine.unknowns.coordinates(beside.tolist())
+    return [first, Stage(coarse, u, at), Stage(fine, v, at._replace(residual=fine.residual(v)))]
+
+
+def test_a_search_that_ended_beside_the_minimum_is_led_to_it(between_grids: list[Stage]) -> None:
+    truth, spacing = TRUTH[MATERIAL], 0.05 / 1.75
+    line, found = (
+        along_spacing(between_grids[1], between_grids[2]),
+        most_alike(between_grids[0], between_grids[1], between_grids[2]),
+    )
+    before, after = (stage.problem.unknowns.values(stage.u) for stage in (line, found))
+    assert abs(before[0] / truth["youngs_modulus"] - 1.0) > 0.02
+    assert after[0] == pytest.approx(truth["youngs_modulus"], rel=5e-3)
+    assert after[1] == pytest.approx(truth["poissons_ratio"], abs=5e-3)
+    assert after[-1] == pytest.approx(spacing, rel=0.03)
+    assert found.at.mse < line.at.mse
+
+
+def test_the_spacing_does_not_fall_below_0(between_grids: list[Stage]) -> None:
+    """Of residuals that grow where the grid is finer, most of all at no spacing."""
+    coarsest, coarse, fine = between_grids
+    change = coarse.at.residual - fine.at.residual
+    worse, worst = (
+        one._replace(at=one.at._replace(residual=one.at.residual + 10.0 * change)) for one in (coarse, fine)
+    )
+    found = most_alike(coarsest, worse, worst)
+    assert found.problem.unknowns.values(found.u)[-1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_doubt_adds_its_square_to_the_covariance(between_grids: list[Stage]) -> None:
+    line = along_spacing(between_grids[1], between_grids[2])
+    doubt = np.array([[0.3, -0.2, 0.0, 0.1, 0.0, 0.0], [0.0, 0.1, 0.0, 0.0, 0.0, 0.2]])
+    plain, doubted = (uncertainty(line.at, line.problem.unknowns, line.u, 1e-9, doubt=d) for d in (None, doubt))
+    felt = np.ix_(*2 * [np.isfinite(np.diag(plain.covariance))])
+    np.testing.assert_allclose(doubted.covariance[felt] - plain.covariance[felt], (doubt.T @ doubt)[felt], atol=1e-12)
+
+
+def test_a_marker_that_is_missed_by_more_than_others_counts_less() -> None:
+    part = np.repeat(np.arange(5), 30)
+    residual = np.where(part == 3, 1e-2, 1e-3)
+    weight = weights_of_parts(Linearisation(residual, np.zeros((1, 150)), part))
+    np.testing.assert_allclose(weight[part != 3], 1.0)
+    np.testing.assert_allclose(weight[part == 3], 0.2)
+
+
+@pytest.mark.parametrize("bend", [0.0, 3.0])
+def test_the_doubt_is_what_a_parabola_differs_by_from_the_line(between_grids: list[Stage], bend: float) -> None:
+    stages, spacings = [], [0.05, 0.05 / 1.5, 0.025]
+    for stage, h in zip(between_grids, spacings, strict=True):
+        stages.append(stage._replace(u=np.array([1.0 + 20.0 * h + bend * h**2, -7.0 * h, 0.0, 0.0, 0.0, 0.0])))
+    sought = stages[0].problem.unknowns
+    at, (first, second) = 0.01, spacings[1:]
+    u = sought.coordinates([1e5, 0.2, 0.0, 0.0, 0.0, at])
+    expected = [bend * (at - first) * (at - second), 0.0, 0.0, 0.0, 0.0, 0.0]
+    coarsest, coarse, fine = stages
+    np.testing.assert_allclose(curvature(coarsest, coarse, fine, u), expected, atol=1e-12)
 
 
 def test_the_size_is_no_unknown_unless_asked_for() -> None:
