@@ -75,7 +75,7 @@ def test_the_extra_that_a_refusal_names_brings_the_package() -> None:
     named = dict(refusals())
     brought = {extra: {package for package, one in named.items() if one == extra} for extra in named.values()}
     assert {extra: {distribution(line) for line in extras[extra]} for extra in brought} == brought
-    assert len(brought) == 9
+    assert len(brought) == 10
 
 
 class Installed(NamedTuple):

@@ -2,7 +2,7 @@
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 # As programs spell them, in small letters; of words also without the s of several.
-SPELT = dict.fromkeys(("m", "metre", "meter"), "m")
+SPELT: dict[str, str] = dict.fromkeys(("m", "metre", "meter"), "m")
 SPELT |= dict.fromkeys(("cm", "centimetre", "centimeter"), "cm")
 SPELT |= dict.fromkeys(("mm", "millimetre", "millimeter"), "mm")
 SPELT |= dict.fromkeys(("um", "micrometre", "micrometer", "micron"), "um")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import benchmarks
 from benchmarks.fuzzing.c3d_bytes import c3d_bytes
 from pcnclaws.data.c3d_files import read_c3d
 from pcnclaws.data.motion_capture import Capture
@@ -15,6 +16,7 @@ from pcnclaws.errors import UserError
 from pcnclaws.geometry.shapes import particles
 from pcnclaws.mpm.settings import SimulationSettings
 
+CRASHING = Path(benchmarks.__path__[0]) / "fuzzing" / "corpus" / "capture_c3d" / "crashes_ezc3d.c3d"
 MILLIMETRES: dict[str, Any] = {"UNITS": "mm"}
 
 
@@ -145,6 +147,12 @@ def test_damaged_files_are_refused_in_one_line(tmp_path: Path, capfd) -> None:
             read_c3d(path)
         assert str(refused.value).startswith(str(path))
         assert "\n" not in str(refused.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_file_on_which_the_library_crashes_is_refused_in_one_line(capfd) -> None:
+    with pytest.raises(UserError, match=r"damaged or unreadable \("):
+        read_c3d(CRASHING)
     assert capfd.readouterr() == ("", "")
 
 
