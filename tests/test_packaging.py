@@ -75,7 +75,7 @@ def test_the_extra_that_a_refusal_names_brings_the_package() -> None:
     named = dict(refusals())
     brought = {extra: {package for package, one in named.items() if one == extra} for extra in named.values()}
     assert {extra: {distribution(line) for line in extras[extra]} for extra in brought} == brought
-    assert len(brought) == 8
+    assert len(brought) == 10
 
 
 class Installed(NamedTuple):
@@ -166,6 +166,7 @@ def test_the_wheel_asks_for_nothing_that_only_extras_need(installed: Installed) 
         "wandb",
         "optuna",
         "emcee",
+        "ezc3d",
         "joblib",
         "pytest",
         "beartype",
@@ -205,6 +206,7 @@ def test_every_command_runs_from_the_wheel(installed: Installed) -> None:
 def test_what_needs_an_extra_says_which(installed: Installed) -> None:
     (installed.folder / "body.stl").write_text("solid body\nendsolid body\n")
     cube = np.stack(np.meshgrid(*3 * [np.linspace(0.4, 0.6, 3)]), -1).reshape(-1, 3)
+    (installed.folder / "capture.c3d").write_bytes(b"")
     np.savez(installed.folder / "cube.npz", position=cube, velocity=0 * cube, volume=np.full(27, 1e-3))
     installed.command("simulate", "scene.particles=cube.npz", "simulation.steps=5", "picture=false", "output=y.h5")
     for extra, arguments in {
@@ -214,6 +216,7 @@ def test_what_needs_an_extra_says_which(installed: Installed) -> None:
         "usd": ("export", "trajectory=y.h5", "output=y.usd"),
         "wandb": ("train", "logger=wandb"),
         "sample": ("estimate", "material=sand", "observation.file=y.h5", "uncertainty=sample"),
+        "c3d": ("estimate", "material=sand", "observation.file=capture.c3d", "scene.shape=cube"),
         "sweep": ("train", "--multirun", "hydra/sweeper=search", "seed=1,2"),
     }.items():
         assert f"accepted: pip install 'pcnclaws[{extra}]', or " in installed.refused(*arguments)

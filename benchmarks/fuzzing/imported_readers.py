@@ -88,5 +88,6 @@ IMPORTED = {
     "stress_csv": Reader(".csv", _stress),
     "stress_h5": Reader(".h5", _stress),
     "capture": Reader(".csv", _capture),
+    "capture_c3d": Reader(".c3d", _capture),
     "packaged_law": Reader(".zip", _law),
 }

@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from benchmarks.fuzzing.c3d_bytes import c3d_bytes
 from benchmarks.fuzzing.imported_readers import FIXED, GRAPH_NETWORK
 from pcnclaws.commands.runs import CONFIG, METRICS, WEIGHTS
 from pcnclaws.data.graph_network_files import METADATA
@@ -84,6 +85,7 @@ def write_imported_seeds(folder: Path, record: SceneRecord, run: Path) -> dict[s
         "stress_csv": [folder / name for name in TABLES],
         "stress_h5": [_loading_paths(folder / "stress.h5")],
         "capture": [_capture(folder / "capture.csv")],
+        "capture_c3d": _capture_c3d(folder),
         "packaged_law": [folder / "law.zip"],
     }
 
@@ -148,3 +150,14 @@ def _capture(path: Path) -> Path:
             fall = np.array([0.0, -4.9 * (0.01 * k) ** 2, 0.0])
             rows.writerow([k, 0.01 * k, *(f"{x:.6g}" for one in FIXED.values() for x in 1e3 * (one + fall))])
     return path
+
+
+def _capture_c3d(folder: Path) -> list[Path]:
+    """The same three frames in both forms of storage."""
+    fall = np.stack((np.zeros(3), -4.9 * (0.01 * np.arange(3)) ** 2, np.zeros(3)), axis=1)
+    places = 1e3 * (np.array([*FIXED.values()]) + fall[:, None])
+    paths = [folder / "integers.c3d", folder / "single.c3d"]
+    for path, scale in zip(paths, (0.1, -0.1), strict=True):
+        stored = np.rint(places / scale).astype(np.int16) if scale > 0 else places.astype(np.float32)
+        path.write_bytes(c3d_bytes(stored, np.ones((3, 3), bool), [*FIXED], scale, 100.0, more={"UNITS": "mm"}))
+    return paths

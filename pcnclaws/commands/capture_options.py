@@ -12,7 +12,7 @@ from pcnclaws.errors import UserError
 
 
 def capture_of(observed: Observed) -> Capture | None:
-    """Units, frame and clock of a CSV file; None where nothing is said of them."""
+    """Units, frame and clock of a CSV or C3D file; None where nothing is said of them."""
     if observed.units is None and observed.frame is None and observed.start is None:
         return None
     start = observed.start
@@ -44,10 +44,10 @@ def _frame_places(frame: Any) -> dict[str, np.ndarray] | None:
     return places
 
 
-def _units_word(units: Any) -> str:
+def _units_word(units: Any) -> str | None:
     """`observation.units`; UserError for an unknown one."""
     if units is None:
-        return "m"
+        return None
     if units not in UNITS:
         raise UserError(f"observation.units={units} is not accepted; accepted: {', '.join(UNITS)}")
     return str(units)

@@ -10,6 +10,7 @@ from pcnclaws.commands.configuration import affine_word, body_from
 from pcnclaws.commands.surroundings import domain_of, grid_spacing_from, surroundings_from
 from pcnclaws.commands.typed_configs import EstimateConfig
 from pcnclaws.commands.typed_groups import ObservedSimulation, Scene
+from pcnclaws.data.c3d_files import ENDING
 from pcnclaws.data.motion_capture import Capture
 from pcnclaws.data.observation import Observation
 from pcnclaws.data.observation_files import from_record, from_table, observed_record
@@ -22,6 +23,8 @@ from pcnclaws.laws.materials import Material
 from pcnclaws.mpm.settings import SimulationSettings
 
 KINDS = ("markers", "points")
+# Of files of markers; the others are trajectory files.
+MARKER_ENDINGS = (".csv", ENDING)
 
 
 def observation_from(config: EstimateConfig, material: Material) -> Observation:
@@ -29,14 +32,15 @@ def observation_from(config: EstimateConfig, material: Material) -> Observation:
     path = config.observation.file
     if not isinstance(path, str) or not path:
         raise UserError(
-            f"observation.file={path or 'null'} is not accepted; accepted: the path of a trajectory file or a CSV file"
+            f"observation.file={path or 'null'} is not accepted; accepted: the path of a trajectory file, a CSV "
+            "file or a C3D file"
         )
     body = _observed_body(config.scene)
     if config.observation.kind not in KINDS:
         raise unknown_name("observation.kind", config.observation.kind, KINDS)
     if config.observation.kind == "points":
         observation = _points(config, material, path, body)
-    elif path.lower().endswith(".csv"):
+    elif path.lower().endswith(MARKER_ENDINGS):
         if body is None:
             raise UserError(
                 f"{path}: markers need a body; accepted: scene.shape=cube, ..., scene.mesh=FILE or scene.particles=FILE"
@@ -74,7 +78,7 @@ def _points(config: EstimateConfig, material: Material, path: str, body: PointCl
         _observed_settings(config.simulation, scene, _unsaid(material)),
         body,
         velocity_known=scene.velocity is not None or scene.particles is not None,
-        units=capture.units,
+        units=capture.units or "m",
         start=capture.start or 0.0,
     )
 

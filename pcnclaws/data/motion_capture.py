@@ -1,4 +1,4 @@
-"""Motion capture: a table of markers in units, frame and clock of its own, brought to those of the simulation."""
+"""Motion capture: a file of markers in units, frame and clock of its own, brought to those of the simulation."""
 
 import logging
 from collections.abc import Mapping
@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
+from pcnclaws.data.c3d_files import ENDING, read_c3d, units_of
 from pcnclaws.data.length_units import UNITS
 from pcnclaws.data.marker_tables import read_table
 from pcnclaws.data.registration import Registration, by_fixed_markers, on_shape
@@ -26,14 +27,14 @@ MIXED = 50.0
 class Capture:
     """How a file of motion capture is to be read.
 
-    units      of its lengths, one of UNITS
+    units      of its lengths, one of UNITS; None for those that a C3D file says, and metres of a table
     places     of its fixed markers in the simulation's frame [m], by name
     on_shape   lay the markers of the start on the surface of the body instead
     start      of the simulation, on the clock of the file [s]; markers have their places on the body in the frames up
                to it, their median
     """
 
-    units: str = "m"
+    units: str | None = None
     places: Mapping[str, Float[np.ndarray, "3"]] | None = None
     on_shape: bool = False
     start: float | None = None
@@ -49,25 +50,33 @@ def captured(
     reach   largest accepted distance of a marker from the body [m]
     raises  UserError
     """
-    time, names, target = read_table(path)
+    time, names, target, units = _read(path, None if capture is None else capture.units)
+    target = UNITS[units] * target
     if capture is None:
         return time, names, target, None
-    target = UNITS[capture.units] * target
     if capture.start is not None:
         time, target = _from_start(path, time, target, capture.start)
     _require_one_unit(path, names, target[0])
     if capture.places is None and not capture.on_shape:
         return time, names, target, None
     if capture.places is not None:
-        registration = _by_places(path, names, target, capture.places, capture.units)
+        registration = _by_places(path, names, target, capture.places, units)
     else:
         seen = np.isfinite(target[0]).all(1)
         known = [name for name, one in zip(names, seen, strict=True) if one]
-        registration = on_shape(str(path), target[0, seen], known, body, reach, units=capture.units)
+        registration = on_shape(str(path), target[0, seen], known, body, reach, units=units)
     target = registration(target)
     names, target = _on_body(path, names, target, body, reach, capture=capture)
     log.warning("%s: %s", path, registration.words())
     return time, names, target, registration
+
+
+def _read(path: Path, units: str | None) -> tuple[np.ndarray, list[str], Float[np.ndarray, "frames markers 3"], str]:
+    """Times, names and positions of a file, and their unit."""
+    if path.suffix.lower() == ENDING:
+        time, names, target, said = read_c3d(path)
+        return time, names, target, units_of(path, said, units)
+    return *read_table(path), units or "m"
 
 
 def _from_start(

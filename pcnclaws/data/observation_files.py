@@ -1,4 +1,4 @@
-"""Observations from files: a trajectory file of ours, or a table of markers.
+"""Observations from files: a trajectory file of ours, or markers: a table, or motion capture in a C3D file.
 
 time, marker, x, y, z        a CSV file with this header, in seconds and metres; an empty coordinate was not seen
 time_s, <marker>_x, ...      the same with a line for each frame
@@ -109,11 +109,12 @@ def from_table(
     velocity_known: bool,
     capture: Capture | None = None,
 ) -> Observation:
-    """The markers of a CSV file on a body of known shape, placed where they are in the first frame.
+    """The markers of a CSV or C3D file on a body of known shape, placed where they are in the first frame.
 
     body            the particles at time 0, the start of the simulation
     velocity_known  whether the body's velocities are those of the start
-    capture         units, frame and clock of the file; None: metres, the simulation's frame, time 0 is the start
+    capture         units, frame and clock of the file; None: metres (of a C3D file what it says), the simulation's
+                    frame, time 0 is the start
     """
     time, names, target, registration = captured(Path(path), body.position, settings.grid_spacing, capture)
     require_metres(target, str(path), settings)

@@ -1,6 +1,6 @@
-"""HDF5 files of others are read in a forked child.
+"""Files of others that native code reads, such as HDF5, are read in a forked child.
 
-There are damaged files on which the HDF5 library crashes, at once or later, or from which it never returns.
+There are damaged files on which a library crashes, at once or later, or from which it never returns.
 """
 
 from collections.abc import Callable
@@ -16,12 +16,16 @@ Result = TypeVar("Result")
 PATIENCE, SLOWEST = 8.0, 10e6
 
 
-def read_apart(path: Path, read: Callable[[], Result]) -> Result:
+def read_apart(
+    path: Path, read: Callable[[], Result], library: str = "the HDF5 library", slowest: float = SLOWEST
+) -> Result:
     """What `read` finds in a file, plain values as plain_messages has them.
 
-    raises  UserError of one line where the library fails on the file
+    library  that reads it, for the message
+    slowest  rate at which it may do so [bytes/s]
+    raises   UserError of one line where the library fails on the file
     """
     try:
-        return in_child(read, PATIENCE + path.stat().st_size / SLOWEST)
+        return in_child(read, PATIENCE + path.stat().st_size / slowest)
     except ChildFailed as fate:
-        raise UserError(f"{path}: damaged or unreadable (the HDF5 library fails on it: {fate})") from fate
+        raise UserError(f"{path}: damaged or unreadable ({library} fails on it: {fate})") from fate
