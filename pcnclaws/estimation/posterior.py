@@ -7,6 +7,7 @@ source  Goodman and Weare 2010, "Ensemble samplers with affine invariance"; Fore
         Hammer"
 """
 
+import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -191,7 +192,6 @@ def _kept(path: Path, walkers: int, told: int) -> tuple[np.ndarray, Any | None]:
 def require_emcee() -> Any:
     """The package that moves the walkers; UserError where it is not installed."""
     try:
-        import emcee
+        return importlib.import_module("emcee")
     except ImportError as fault:
         raise not_installed("uncertainty=sample", "emcee", "sample", "uncertainty=profile") from fault
-    return emcee
