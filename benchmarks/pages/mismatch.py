@@ -32,9 +32,8 @@ friction. *One grid* is the paper's, with `unknown.walls=true discrepancy=true`;
 and `refinements=[1.5,2.5]` besides, grids of 3.33 cm and 2 cm, none of which is that of a motion (2.5 cm and 1.67 cm).
 Both kinds of grid are of the same method: how such estimates fare with motions of other programs is not known. The
 bodies of the motions have `scene.lattice=faces`; they weigh and swing as if they were 5.3 % and 3.4 % larger than their
-outermost particles are apart, which *size* has to find. Commits are in the files: sand 1 was estimated before the last
-steps to numbers and spacing were simulated, and before markers that are missed by far more than others counted less.
-Seconds of the other finer grids are those of a machine with about eight other processes on two cores."""
+outermost particles are apart, which *size* has to find. Seconds of the finer
+grids are those of a machine with three to eight other processes on two cores."""
 
 
 class Number(NamedTuple):
