@@ -26,7 +26,8 @@ class Equations:
 
     def __init__(self, start: Float[Tensor, " weights"]) -> None:
         self.start, self.precision = start.double(), start.dtype
-        self._gradients: list[Float[Tensor, "block weights"]] = []
+        # rows beyond len(self) are room for more: one product with all gradients is faster than many with a few
+        self._rows = self.start.new_empty(0, len(self.start))
         self._products = self.start.new_empty(0, 0)
         self._wanted = self._variances = self.start.new_empty(0)
 
@@ -45,20 +46,15 @@ class Equations:
             return
         block = torch.stack([*gradients]).double()
         self._to(block.device)
-        wanted = block @ (weights.double() - self.start) - block.new_tensor(errors)
-        beside = torch.cat([block @ before.T for before in (*self._gradients, block)], 1)
-        count = len(self)
-        products = block.new_empty(count + len(block), count + len(block))
-        products[:count, :count], products[count:], products[:, count:] = self._products, beside, beside.T
-        self._products = products
-        self._gradients.append(block)
-        self._wanted = torch.cat((self._wanted, wanted))
+        self._make_room(len(block))
+        before, count = len(self), len(self) + len(block)
+        self._rows[before:count] = block
+        self._wanted = torch.cat((self._wanted, block @ (weights.double() - self.start) - block.new_tensor(errors)))
         self._variances = torch.cat((self._variances, block.new_tensor(variances)))
-        most = min(MOST, MOST_NUMBERS // block.shape[1])
-        while len(self) > most and len(self._gradients) > 1:
-            gone = len(self._gradients.pop(0))
-            self._products = self._products[gone:, gone:].contiguous()
-            self._wanted, self._variances = self._wanted[gone:], self._variances[gone:]
+        beside = block @ self._rows[:count].T
+        products = block.new_empty(count, count)
+        products[:before, :before], products[before:], products[:, before:] = self._products, beside, beside.T
+        self._products = products
 
     def solution(self) -> Float[Tensor, " weights"]:
         """The most likely weights, in double precision."""
@@ -66,15 +62,13 @@ class Equations:
             return self.start
         factor = torch.linalg.cholesky(PRIOR**2 * self._products + torch.diag(self._variances))
         amounts = torch.cholesky_solve(self._wanted[:, None], factor)[:, 0]
-        parts = amounts.split([len(block) for block in self._gradients])
-        moved = [part @ block for part, block in zip(parts, self._gradients, strict=True)]
-        return self.start + PRIOR**2 * torch.stack(moved).sum(0)
+        return self.start + PRIOR**2 * (amounts @ self._rows[: len(self)])
 
     def state_dict(self) -> dict[str, Any]:
         """What a run that goes on needs, as plain tensors: gradients in the precision that they came in."""
         return {
             "start": self.start,
-            "gradients": [block.to(self.precision) for block in self._gradients],
+            "gradients": self._rows[: len(self)].to(self.precision),
             "products": self._products,
             "wanted": self._wanted,
             "variances": self._variances,
@@ -83,11 +77,23 @@ class Equations:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Takes what state_dict gave."""
         self.start, self._products = state["start"].clone(), state["products"].clone()
-        self._gradients = [block.double() for block in state["gradients"]]
+        self._rows = state["gradients"].double()
         self._wanted, self._variances = state["wanted"].clone(), state["variances"].clone()
+
+    def _make_room(self, more: int) -> None:
+        """Forgets the oldest equations of too many, and doubles the room where there is none for `more`."""
+        most = min(MOST, MOST_NUMBERS // len(self.start))
+        gone = max(len(self) + more - most, 0)
+        kept = self._rows[gone : len(self)]
+        if gone or len(self) + more > len(self._rows):
+            room = max(min(2 * len(kept), most), len(kept) + more)
+            rows = self._rows.new_empty(room, len(self.start))
+            rows[: len(kept)] = kept
+            self._rows = rows
+        self._products = self._products[gone:, gone:]
+        self._wanted, self._variances = self._wanted[gone:], self._variances[gone:]
 
     def _to(self, device: torch.device) -> None:
         """Goes where the weights are."""
-        self.start, self._products = self.start.to(device), self._products.to(device)
-        self._gradients = [block.to(device) for block in self._gradients]
+        self.start, self._products, self._rows = (one.to(device) for one in (self.start, self._products, self._rows))
         self._wanted, self._variances = self._wanted.to(device), self._variances.to(device)
