@@ -24,7 +24,7 @@ from pcnclaws.errors import UserError
 from pcnclaws.estimation.goodness_of_fit import fit_of
 from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.profiles import profile
-from pcnclaws.estimation.uncertainty import uncertainty
+from pcnclaws.estimation.uncertainty import ROUNDING, uncertainty
 from pcnclaws.estimation.unknowns import components_of, make_unknowns
 from pcnclaws.geometry.shapes import particles, spin_velocity
 from pcnclaws.laws.analytic import analytic_laws
@@ -35,7 +35,6 @@ from pcnclaws.simulation.scenes import SceneStart
 
 # With it, the draws are apart from those of data sets and calibrations.
 STREAM = 23
-ROUNDING = 3e-7  # of the analytic law in single precision [m]
 LEVEL = 0.95
 
 

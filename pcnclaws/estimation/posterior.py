@@ -8,6 +8,7 @@ source  Goodman and Weare 2010, "Ensemble samplers with affine invariance"; Fore
 """
 
 import importlib
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,8 @@ from pcnclaws.data.guarded_npz import opened_arrays
 from pcnclaws.errors import UserError, not_installed
 from pcnclaws.estimation.problem import EstimationProblem
 from pcnclaws.estimation.uncertainty import Uncertainty
+
+log = logging.getLogger(__name__)
 
 # Walkers an unknown, and fewest; steps of all of them between two looks at the disk.
 WALKERS, FEWEST_WALKERS, STEPS_AT_ONCE = 4, 8, 5
@@ -181,8 +184,9 @@ def _kept(path: Path, walkers: int, told: int) -> tuple[np.ndarray, Any | None]:
         with opened_arrays(path) as arrays:
             chain, coordinates, density = (np.asarray(arrays[name]) for name in ("chain", "coordinates", "log_density"))
             keys, (place, has_gauss, gauss) = np.asarray(arrays["keys"]), np.asarray(arrays["random"]).tolist()
-    except (UserError, KeyError, ValueError):
-        return nothing  # begun anew
+    except (UserError, KeyError, ValueError) as fault:
+        log.warning("%s: the samples begin anew", fault)
+        return nothing
     if chain.shape[1:] != (walkers, told) or coordinates.shape != (walkers, told):
         return nothing
     random = ("MT19937", keys, int(place), int(has_gauss), gauss)

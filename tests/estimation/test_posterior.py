@@ -37,7 +37,7 @@ class _Stopped(Exception):
     pass
 
 
-def test_interrupted_sampling_goes_on_bit_for_bit(tmp_path: Path) -> None:
+def test_interrupted_sampling_goes_on_bit_for_bit(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     problem = noisy(1e-4, steps=20)
     u, found = estimated(problem)
     whole = sampled(problem, u, found, simulations=80, seed=1, kept=tmp_path / "whole.npz")
@@ -59,6 +59,7 @@ def test_interrupted_sampling_goes_on_bit_for_bit(tmp_path: Path) -> None:
     np.testing.assert_array_equal(
         sampled(problem, u, found, simulations=80, seed=1, kept=tmp_path / "parts.npz").values, whole.values
     )
+    assert "parts.npz: not an .npz file of numbers, or damaged" in caplog.text
 
 
 @pytest.mark.parametrize("transform", [Transform(1e2, 1e9, 1.0, logarithmic=True), Transform(-0.4, 0.49, 0.1)])
